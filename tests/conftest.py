@@ -8,7 +8,7 @@ import signal
 
 import pytest
 from hypothesis import HealthCheck, Phase, settings
-from support.gltf_writer import GltfWriter
+from support.files import GltfWriter
 
 # Every Device of the suite validates, also those that tests make through the command line in this process.
 os.environ.setdefault("SOLARI_VK_VALIDATION", "1")
@@ -16,7 +16,6 @@ os.environ.setdefault("SOLARI_VK_VALIDATION", "1")
 # of their buffers: tests/gpu and tests/documentation/test_buffers.py are about barriers, and take `bound_device`.
 os.environ.setdefault("SOLARI_VK_ADDRESSES", "1")
 
-from support.memory import resident_bytes
 
 from solari_vk.base.errors import DeviceError
 from solari_vk.gpu.device import instance as instance_module
@@ -163,6 +162,8 @@ def no_validation_messages(request):
 @pytest.fixture(autouse=True, scope="module")
 def bounded_memory():
     """Compiled pipelines take megabytes each on software devices: let them go when a file's tests leave too many."""
+    from support.frames import resident_bytes  # late: it imports the renderers, which set-up doesn't need
+
     yield
     if resident_bytes() > MOST_MEMORY:
         for opened in _devices:

@@ -9,8 +9,8 @@ import sys
 
 import numpy as np
 import pytest
-from support.gltf_writer import GltfWriter
-from support.memory import resident_bytes
+from support.files import GltfWriter
+from support.frames import resident_bytes
 
 import solari_vk as sv
 
@@ -150,7 +150,7 @@ FORTY = """
 import sys
 sys.path[:0] = sys.argv[1:]
 import solari_vk as sv
-from support.memory import resident_bytes
+from support.frames import resident_bytes
 from test_endurance import in_use
 for _ in range(40):
     with sv.Device() as device, sv.PathTracer(device, sv.builtin("cornell_box"), (8, 8)) as renderer:

@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from oracles import brdf
+from oracles.cameras import camera_rays
+from oracles.encodings import decode_octahedral, decode_rgb9e5, encode_rgb9e5, pcg_hash
+from oracles.light import closed_box_radiance, polygon_irradiance, sun_irradiance
+from oracles.rays import World, closest_by_brute_force
 from scipy import stats
-from support import brdf, rays, statistics
-from support.encodings import encode_rgb9e5, pcg_hash
-from support.oracles import closed_forms, encodings
+from support import statistics
 
 from solari_vk.lab.conformance import embree_checks
 from solari_vk.lab.measure.statistics import interval
@@ -54,26 +57,26 @@ def test_polygon_irradiance_is_the_integral():
     for point in ((0.0, 0, 0.0), (3.0, 0, 1.0)):
         ray = grid - point
         brute = 5.0 * (ray[:, 1] * np.abs(ray @ normal) / (ray**2).sum(axis=1) ** 2).mean()
-        assert closed_forms.polygon_irradiance(point, (0, 1, 0), corners, 5.0)[0] == pytest.approx(brute, rel=1e-5)
+        assert polygon_irradiance(point, (0, 1, 0), corners, 5.0)[0] == pytest.approx(brute, rel=1e-5)
 
 
 def test_small_sun_gives_its_illuminance():
-    assert closed_forms.sun_irradiance(1000, 0.0093, 0.5) == pytest.approx(500, rel=1e-4)
-    assert closed_forms.closed_box_radiance(2.0, 0.5, 3) == pytest.approx(2 * (1 - 0.5**4) / 0.5)
+    assert sun_irradiance(1000, 0.0093, 0.5) == pytest.approx(500, rel=1e-4)
+    assert closed_box_radiance(2.0, 0.5, 3) == pytest.approx(2 * (1 - 0.5**4) / 0.5)
 
 
 def test_encodings():
     # Known values: pcg's first output for seed 0, and the limits of the extension.
     assert pcg_hash(0) == 129708002
     assert encode_rgb9e5((1, 1, 1)) == 256 | 256 << 9 | 256 << 18 | 16 << 27
-    limits = encodings.decode_rgb9e5(encode_rgb9e5((65408, 0, 1e9)))
+    limits = decode_rgb9e5(encode_rgb9e5((65408, 0, 1e9)))
     np.testing.assert_array_equal(limits, (65408, 0, 65408))
     random = np.random.default_rng(3)
     colors = random.random((200, 3)) * 10.0 ** random.uniform(-4, 4, (200, 1))
-    error = np.abs(encodings.decode_rgb9e5(encode_rgb9e5(colors)) - colors)
+    error = np.abs(decode_rgb9e5(encode_rgb9e5(colors)) - colors)
     assert (error <= colors.max(axis=1, keepdims=True) / 512 + 2.0**-25).all()
     codes = np.array([32767 | 32767 << 16, 65534 | 32767 << 16, 32767 | 0 << 16, 0 | 0 << 16])
-    np.testing.assert_array_equal(encodings.decode_octahedral(codes), [(0, 0, 1), (1, 0, 0), (0, -1, 0), (0, 0, -1)])
+    np.testing.assert_array_equal(decode_octahedral(codes), [(0, 0, 1), (1, 0, 0), (0, -1, 0), (0, 0, -1)])
 
 
 def test_embree_brute_force_and_camera_agree():
@@ -81,11 +84,11 @@ def test_embree_brute_force_and_camera_agree():
         Instance(mesh=shapes.sphere(1.0, 8), material=Material(), transform=place((1, 2, -1), (0.3, 0, 0), 0.4)),
         Instance(mesh=shapes.box(), material=Material(), transform=place(1.0, (-1, 0, 0.5), 0.2)),
     )
-    world = rays.World(scene)
+    world = World(scene)
     camera = Camera.look_at((0, 1, 6), (0, 0, 0))
-    origins, directions = (x.reshape(-1, 3) for x in rays.camera_rays(camera, 40, 30))
+    origins, directions = (x.reshape(-1, 3) for x in camera_rays(camera, 40, 30))
     embree = world.embree_hits(origins, directions)
-    brute, distance = rays.closest_by_brute_force(world.corners, origins, directions)
+    brute, distance = closest_by_brute_force(world.corners, origins, directions)
     same = embree == brute
     assert same.mean() > 0.999
     assert 0.1 < (embree >= 0).mean() < 0.9
@@ -113,8 +116,8 @@ def test_statistics_reject_what_is_wrong_and_only_that():
     with pytest.raises(AssertionError):
         statistics.assert_equal(biased, 0.003)
     runs = 1 + random.normal(scale=0.01, size=(16, 20))
-    assert statistics.replicates(runs, np.ones(20), 0.005) == (0, True)
-    assert statistics.replicates(runs * 1.02, np.ones(20), 0.005)[1] is False
+    assert statistics.compare_runs(runs, np.ones(20), 0.005) == (0, True)
+    assert statistics.compare_runs(runs * 1.02, np.ones(20), 0.005)[1] is False
 
 
 def test_small_cells_are_pooled():

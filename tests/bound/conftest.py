@@ -4,7 +4,7 @@ import itertools
 
 import numpy as np
 import pytest
-from support.failing import failing
+from support.frames import fail_after
 
 import solari_vk as sv
 from solari_vk.base.errors import SolariError
@@ -50,7 +50,7 @@ def each_failed_upload(any_device, monkeypatch):
             for count in itertools.count():
                 binder = SceneBinder(device, make())
                 with monkeypatch.context() as patch:
-                    failing(patch, Uploads, "buffer", count)
+                    fail_after(patch, Uploads, "buffer", count)
                     try:
                         binder.update()
                     except SolariError:

@@ -12,7 +12,7 @@ import pytest
 from hypothesis import settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, precondition, rule, run_state_machine_as_test
-from support.failing import failing
+from support.frames import fail_after
 
 from solari_vk.base.errors import SolariError
 from solari_vk.bound.binder import SceneBinder
@@ -254,7 +254,7 @@ class Edits(RuleBasedStateMachine):
         mesh = make_mesh(rng)
         added = [self.scene.add(Instance(mesh=mesh, material=self.materials[2])) for _ in range(count)]
         with pytest.MonkeyPatch.context() as patch, contextlib.suppress(SolariError):
-            failing(patch, *part, calls)
+            fail_after(patch, *part, calls)
             self.binder.update()
         for instance in () if kept else added:
             self.scene.remove(instance)
@@ -292,7 +292,7 @@ def test_what_was_never_uploaded_can_be_removed(rng, scene, binder, monkeypatch,
     assert_mirrors(binder, scene)
     added = scene.add(make_instance(rng))
     with monkeypatch.context() as patch:
-        failing(patch, *part, calls=0)
+        fail_after(patch, *part, calls=0)
         with pytest.raises(SolariError, match="out of memory"):
             binder.update()
     scene.remove(added)

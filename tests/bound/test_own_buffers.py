@@ -5,7 +5,7 @@ from __future__ import annotations
 from unittest import mock
 
 import pytest
-from support.memory import leaves_nothing
+from support.frames import leaves_nothing
 
 import solari_vk as sv
 from solari_vk.base.errors import SolariError

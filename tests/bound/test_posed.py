@@ -9,7 +9,7 @@ import pytest
 from hypothesis import settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, precondition, rule, run_state_machine_as_test
-from support.characters import bent, tube
+from support.scenes import bent_joints, tube
 
 import solari_vk as sv
 from solari_vk.base.errors import SolariError
@@ -76,10 +76,10 @@ def test_vertices_of_poses(bound):
     mesh, rest = tube(4, targets=5)
     instance = sv.Instance(mesh, transform=[1, 2, 3])
     binder = bound(instance)
-    sheared = bent(rest, 0.4)
+    sheared = bent_joints(rest, 0.4)
     sheared[:, :3, :3] += np.random.default_rng(20).normal(scale=0.1, size=(4, 3, 3))
     weights = np.array([0.5, 0, -0.25, 0, 1.5])
-    for pose in ((bent(rest, 0.3), None), (None, weights), (sheared, weights), (None, 0 * weights)):
+    for pose in ((bent_joints(rest, 0.3), None), (None, weights), (sheared, weights), (None, 0 * weights)):
         instance.update(joint_matrices=pose[0], morph_weights=pose[1])
         found = vertices(binder, instance)
         compare(found, expected(mesh, *pose))
@@ -99,14 +99,14 @@ class User:
 def test_previous_positions_are_those_of_the_same_renderer(bound):
     """Renderers of one scene that skip frames, come late and leave, changes that none of them sees, and others'."""
     mesh, rest = tube()
-    instance, other = (sv.Instance(mesh, joint_matrices=bent(rest, 0.0)) for _ in range(2))
+    instance, other = (sv.Instance(mesh, joint_matrices=bent_joints(rest, 0.0)) for _ in range(2))
     binder = bound(instance, other)
     users = {name: User() for name in "abc"}
     shown = {}
     for frame, names in enumerate(["a", "ab", "a", "a", "", "ac", "b", "a", "aa", "bc", "ab", "c", "ba"]):
         other.transform = [frame, 0, 0]
         if frame % 5 != 4:
-            instance.joint_matrices = bent(rest, 0.1 * frame)
+            instance.joint_matrices = bent_joints(rest, 0.1 * frame)
         binder.update()
         for name in names:
             now, before, _ = vertices(binder, instance, users[name])
@@ -114,7 +114,7 @@ def test_previous_positions_are_those_of_the_same_renderer(bound):
             assert (before == shown.get(name, now)).all(), (frame, name)
             shown[name] = now
     users.clear()
-    instance.joint_matrices = bent(rest, 2.0)
+    instance.joint_matrices = bent_joints(rest, 2.0)
     binder.update()
     assert not shape_of(binder, instance).copies, "nobody needs them"
 
@@ -157,7 +157,7 @@ def test_previous_positions_of_edited_meshes(bound):
 def test_equal_poses_are_at_rest(bound):
     """An array of the same numbers is the same pose, for which the device has nothing to do."""
     mesh, rest = tube(targets=1)
-    fields = {"joint_matrices": bent(rest, 0.3), "morph_weights": [0.5]}
+    fields = {"joint_matrices": bent_joints(rest, 0.3), "morph_weights": [0.5]}
     instance = sv.Instance(mesh, **fields)
     binder = bound(instance)
     binder.update(binder)
@@ -170,17 +170,17 @@ def test_equal_poses_are_at_rest(bound):
 
 def test_edits_of_posed_meshes(bound):
     mesh, rest = tube()
-    instance = sv.Instance(mesh, joint_matrices=bent(rest, 0.2))
+    instance = sv.Instance(mesh, joint_matrices=bent_joints(rest, 0.2))
     still = sv.Instance(mesh)
     binder = bound(instance, still)
     vertices(binder, instance)
     assert shape_of(binder, still) is mesh
     mesh.positions = mesh.positions * [2, 1, 2]
-    compare(vertices(binder, instance), expected(mesh, bent(rest, 0.2)))
+    compare(vertices(binder, instance), expected(mesh, bent_joints(rest, 0.2)))
     longer, rest = tube(5, rings=20)
     for edited, field in ((instance, "joint_matrices"), (longer, "deformation")):
-        instance.update(mesh=longer, joint_matrices=bent(rest, 0.1))
-        compare(vertices(binder, instance), expected(longer, bent(rest, 0.1)))
+        instance.update(mesh=longer, joint_matrices=bent_joints(rest, 0.1))
+        compare(vertices(binder, instance), expected(longer, bent_joints(rest, 0.1)))
         setattr(edited, field, None)
         binder.update()
         assert shape_of(binder, instance) is longer
@@ -221,7 +221,7 @@ class Poses(RuleBasedStateMachine):
         self.instance(number).update(
             mesh=mesh,
             ray_mesh=None,
-            joint_matrices=None if angle is None else bent(rest, angle),
+            joint_matrices=None if angle is None else bent_joints(rest, angle),
             morph_weights=weights if mesh.deformation.target_count else None,
         )
 
@@ -278,7 +278,7 @@ def test_random_edits(device, examples):
 
 def test_whichever_upload_fails_is_made_again(each_failed_upload):
     mesh, rest = tube(4, targets=2)
-    joints, weights = bent(rest, 0.5), [0.3, 0]
+    joints, weights = bent_joints(rest, 0.5), [0.3, 0]
     pose = functools.partial(sv.Instance, mesh, joint_matrices=joints, morph_weights=weights)
     for binder in each_failed_upload(lambda: sv.Scene(pose(sv.Material(emissive=1)))):
         compare(vertices(binder, binder.scene.instances[0]), expected(mesh, joints, weights))
@@ -289,11 +289,11 @@ def test_lights_follow_poses(bound):
     mesh, rest = tube(3, rings=17)
     flat = mesh.positions * np.where(mesh.positions[:, 1:2] < 1, [1, 1e-4, 1], 1)
     skin = sv.Mesh(flat, mesh.triangles, normals=mesh.normals, deformation=mesh.deformation)
-    lamp = sv.Instance(skin, sv.Material(emissive=1.0), joint_matrices=bent(rest, 0))
-    binder = bound(lamp, sv.Instance(mesh, sv.Material(emissive=1.0), joint_matrices=bent(rest, 0)))
+    lamp = sv.Instance(skin, sv.Material(emissive=1.0), joint_matrices=bent_joints(rest, 0))
+    binder = bound(lamp, sv.Instance(mesh, sv.Material(emissive=1.0), joint_matrices=bent_joints(rest, 0)))
     binder.update()
     before = binder.lights.powers.copy()
-    lamp.joint_matrices = np.diag([2.0, 2.0, 2.0, 1.0]) @ bent(rest, 0.5)
+    lamp.joint_matrices = np.diag([2.0, 2.0, 2.0, 1.0]) @ bent_joints(rest, 0.5)
     now, _, _ = vertices(binder, lamp)
     np.testing.assert_allclose(binder.lights.powers, before * [4, 1], rtol=1e-6)
     lights = binder.lights
@@ -314,7 +314,7 @@ def test_meshes_with_colors_alone(bound):
     bare = sv.Mesh(
         mesh.positions, mesh.triangles, colors=np.full((len(mesh.positions), 3), 0.5), deformation=mesh.deformation
     )
-    instance = sv.Instance(bare, joint_matrices=bent(rest, 0.3))
+    instance = sv.Instance(bare, joint_matrices=bent_joints(rest, 0.3))
     binder = bound(instance)
     binder.update()
     posed, base = (record_of(binder, shape) for shape in (shape_of(binder, instance), bare))
@@ -347,14 +347,14 @@ def test_wrong_deformations(fields, message):
 def test_wrong_poses():
     mesh, rest = tube(3, targets=2)
     instance = sv.Instance(mesh)
-    nan, far = np.full((3, 3, 4), np.nan), bent(rest, 0) * 1e11
+    nan, far = np.full((3, 3, 4), np.nan), bent_joints(rest, 0) * 1e11
     for fields, message in (
-        ({"joint_matrices": bent(rest, 0)[:2]}, "has 2 matrices, but the mesh has 3 joints"),
+        ({"joint_matrices": bent_joints(rest, 0)[:2]}, "has 2 matrices, but the mesh has 3 joints"),
         ({"morph_weights": [1.0]}, "has 1 weights, but the mesh has 2 morph targets"),
         ({"joint_matrices": nan}, "joint_matrices must be finite"),
         ({"morph_weights": [np.nan, 0]}, "morph_weights must be finite"),
         ({"joint_matrices": np.eye(4)}, "joint_matrices must have the shape"),
-        ({"mesh": sv.shapes.sphere(), "joint_matrices": bent(rest, 0)}, "needs a mesh with a deformation"),
+        ({"mesh": sv.shapes.sphere(), "joint_matrices": bent_joints(rest, 0)}, "needs a mesh with a deformation"),
         ({"mesh": tube(3)[0], "morph_weights": [1.0]}, "the mesh has 0 morph targets"),
     ):
         with pytest.raises(SolariError, match=message):

@@ -18,7 +18,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from PIL import Image
-from support.gltf_writer import GltfWriter
+from support.files import GltfWriter
 
 import solari_vk as sv
 from solari_vk.base import disk_cache

@@ -9,11 +9,11 @@ from PIL import Image
 import solari_vk as sv
 from solari_vk.cli import main
 from solari_vk.cli.commands import COMMANDS
-from solari_vk.cli.jobs import DatasetJob
 from solari_vk.cli.options import parse
 from solari_vk.cli.render import make_job
 from solari_vk.cli.subject import load
 from solari_vk.data.cli.dataset import _cameras
+from solari_vk.data.cli.jobs import DatasetJob
 
 SMALL = ["--size", "24x16", "--environment", "none"]
 

@@ -7,7 +7,7 @@ import math
 
 import numpy as np
 import pytest
-from support.rays import World
+from oracles.rays import World
 
 import solari_vk as sv
 from solari_vk.base.errors import SolariError

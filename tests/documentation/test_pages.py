@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from support.gltf_writer import GltfWriter
+from support.files import GltfWriter
 
 import solari_vk as sv
 from solari_vk import cli

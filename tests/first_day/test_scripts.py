@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from support.assets import asset
+from support.files import asset
 
 import solari_vk as sv
 from solari_vk.base.other_words import OTHER_WORDS

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from support.memory import leaves_nothing
+from support.frames import leaves_nothing
 
 from solari_vk.base.errors import SolariError
 from solari_vk.gpu.acceleration import blas_builds, structure

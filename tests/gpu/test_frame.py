@@ -6,7 +6,7 @@ import itertools
 
 import numpy as np
 import pytest
-from support.memory import leaves_nothing
+from support.frames import leaves_nothing
 
 from solari_vk.base.errors import SolariError, ValidationError
 from solari_vk.gpu.device import raw

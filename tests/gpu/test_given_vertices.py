@@ -8,7 +8,7 @@ from functools import partial
 
 import numpy as np
 import pytest
-from support.realtime import GBUFFER, make_renderer
+from support.frames import GBUFFER, make_renderer
 from test_cuda_input import GpuTensor, gpu, shared  # noqa: F401  # a fixture
 
 import solari_vk as sv

@@ -14,7 +14,7 @@ from typing import Any
 
 import pytest
 from shader_folder import ShaderFolder
-from support.memory import leaves_nothing
+from support.frames import leaves_nothing
 
 from solari_vk.base import disk_cache
 from solari_vk.base.errors import DeviceError

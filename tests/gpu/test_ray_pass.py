@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 from shader_folder import HEADER
-from support.memory import leaves_nothing
+from support.frames import leaves_nothing
 
 from solari_vk import HitGroup, RayPass, rt
 from solari_vk.base.errors import DeviceError, SolariError

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from support.gltf_writer import GltfWriter
+from support.files import GltfWriter
 
 from solari_vk.base.errors import SolariError
 from solari_vk.bound.binder import SceneBinder

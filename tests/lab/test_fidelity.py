@@ -7,7 +7,7 @@ import json
 import numpy as np
 import pytest
 from PIL import Image
-from support.gltf_writer import GltfWriter
+from support.files import GltfWriter
 
 from solari_vk.base.errors import SolariError
 from solari_vk.cli import main

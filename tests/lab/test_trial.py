@@ -19,7 +19,7 @@ from urllib.parse import unquote
 
 import numpy as np
 import pytest
-from support.gltf_writer import GltfWriter
+from support.files import GltfWriter
 
 import solari_vk as sv
 from solari_vk.base.errors import SolariError

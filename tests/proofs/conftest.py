@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 
 import pytest
-from support.pictures import take_picture
+from support.frames import path_traced_runs
 
 import solari_vk as sv
 from solari_vk.lab.conformance.shader_runner import ShaderRunner
@@ -28,7 +28,7 @@ def tracer(device):
 @pytest.fixture(scope="session")
 def picture(device):
     """picture(scene, size, samples, runs=8, camera=None, **settings of PathTracer) -> Picture; see take_picture."""
-    return functools.partial(take_picture, device)
+    return functools.partial(path_traced_runs, device)
 
 
 @pytest.fixture(scope="module")

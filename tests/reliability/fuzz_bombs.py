@@ -16,8 +16,7 @@ import numpy as np
 import OpenEXR
 from hypothesis import reject
 from hypothesis import strategies as st
-from support import ktx2_files
-from support.gltf_writer import GltfWriter, encoded
+from support.files import KTX2_ETC1S, KTX2_UASTC, KTX2_UASTC_ZSTD, GltfWriter, image_file, ktx2_file
 
 Draw = Callable[[st.SearchStrategy[Any]], Any]
 RNG = np.random.default_rng(0)
@@ -136,7 +135,7 @@ def jpeg(draw: Draw) -> bytes:
     mode = draw(st.sampled_from(["L", "RGB", "CMYK"]))
     from PIL import Image
 
-    data = bytearray(encoded(Image.new(mode, (side, side)), "JPEG", progressive=draw(st.booleans())))
+    data = bytearray(image_file(Image.new(mode, (side, side)), "JPEG", progressive=draw(st.booleans())))
     start = max(data.find(b"\xff\xc0"), data.find(b"\xff\xc2"))
     if draw(st.booleans()):
         struct.pack_into(">2H", data, start + 5, draw(SIDE), draw(SIDE))
@@ -145,7 +144,7 @@ def jpeg(draw: Draw) -> bytes:
 
 def webp(draw: Draw) -> bytes:
     pixels = np.zeros((draw(st.sampled_from([8, 4096])), 4096, draw(st.sampled_from([3, 4]))), np.uint8)
-    data = bytearray(encoded(pixels, "WEBP", lossless=draw(st.booleans()), method=0))
+    data = bytearray(image_file(pixels, "WEBP", lossless=draw(st.booleans()), method=0))
     start = data.find(b"VP8 ") + 14
     if start > 14 and draw(st.booleans()):
         struct.pack_into("<2H", data, start, draw(st.integers(1, 16_383)), draw(st.integers(1, 16_383)))
@@ -158,7 +157,7 @@ def dds(draw: Draw) -> bytes:
 
     pixels = Image.new("RGBA", (4096, draw(st.sampled_from([8, 4096]))))
     form = draw(st.sampled_from([{}, {"pixel_format": "DXT1"}, {"pixel_format": "BC5"}]))
-    data = bytearray(encoded(pixels.convert("RGB") if form else pixels, "DDS", **form))
+    data = bytearray(image_file(pixels.convert("RGB") if form else pixels, "DDS", **form))
     if draw(st.booleans()):
         struct.pack_into("<2I", data, 12, draw(SIDE), draw(SIDE))
     return bytes(data)
@@ -166,12 +165,12 @@ def dds(draw: Draw) -> bytes:
 
 def ktx2(draw: Draw) -> bytes:
     """Levels that expand to more than the picture, and headers that say other sizes than the data."""
-    files = [ktx2_files.ETC1S, ktx2_files.UASTC, ktx2_files.UASTC_ZSTD]
+    files = [KTX2_ETC1S, KTX2_UASTC, KTX2_UASTC_ZSTD]
     if which := draw(st.integers(0, 3)):
         data = bytearray(files[which - 1])
     else:
         level = bytes(2 ** draw(st.integers(10, 27)))
-        data = bytearray(ktx2_files.plain(np.zeros((1, 1, 4)), 37, 3, level))
+        data = bytearray(ktx2_file(np.zeros((1, 1, 4)), 37, 3, level))
     if draw(st.booleans()):
         struct.pack_into("<2I", data, 20, draw(SIDE), draw(SIDE))
     if draw(st.booleans()):

@@ -11,10 +11,18 @@ import numpy as np
 import OpenEXR
 import trimesh
 from PIL import Image
-from support import ktx2_files
-from support.compressed_gltf import draco_file, meshopt_file
-from support.gltf_writer import TRIANGLE, GltfWriter, encoded
-from support.hdr_files import hdr
+from support.files import (
+    KTX2_ETC1S,
+    KTX2_UASTC,
+    KTX2_UASTC_ZSTD,
+    TRIANGLE,
+    GltfWriter,
+    draco_file,
+    hdr_file,
+    image_file,
+    ktx2_file,
+    meshopt_file,
+)
 
 
 def everything() -> GltfWriter:
@@ -133,13 +141,13 @@ def compressed_images() -> GltfWriter:
     writer = GltfWriter()
     noise = np.random.default_rng(3).integers(0, 255, (8, 8, 4))
     files = [
-        ktx2_files.ETC1S,
-        ktx2_files.UASTC,
-        ktx2_files.UASTC_ZSTD,
-        ktx2_files.plain(noise, 37, 2),
-        ktx2_files.plain(noise, 37, 3),
-        encoded(noise, "WEBP"),
-        encoded(noise, "WEBP", lossless=True),
+        KTX2_ETC1S,
+        KTX2_UASTC,
+        KTX2_UASTC_ZSTD,
+        ktx2_file(noise, 37, 2),
+        ktx2_file(noise, 37, 3),
+        image_file(noise, "WEBP"),
+        image_file(noise, "WEBP", lossless=True),
     ]
     for number, file in enumerate(files):
         image = {"source": writer.add("images", bufferView=writer.view(file))}
@@ -215,8 +223,8 @@ MESHES = ("obj", "ascii.ply", "binary.ply", "ascii.stl", "binary.stl")
 
 def _ktx2() -> list[tuple[bytes, str]]:
     noise = np.random.default_rng(3).integers(0, 255, (8, 8, 4))
-    files = [ktx2_files.ETC1S, ktx2_files.UASTC, ktx2_files.UASTC_ZSTD]
-    files += [ktx2_files.plain(noise, 37, scheme) for scheme in (0, 2, 3)]
+    files = [KTX2_ETC1S, KTX2_UASTC, KTX2_UASTC_ZSTD]
+    files += [ktx2_file(noise, 37, scheme) for scheme in (0, 2, 3)]
     return [(file, "KHR_texture_basisu") for file in files]
 
 
@@ -227,19 +235,22 @@ def _exr_textures() -> list[tuple[bytes, str]]:
 
 def _dds() -> list[tuple[bytes, str]]:
     noise = Image.fromarray(np.random.default_rng(3).integers(0, 255, (8, 8, 3), np.uint8))
-    files = [encoded(noise, "DDS"), *(encoded(noise, "DDS", pixel_format=name) for name in ("DXT1", "DXT5", "BC5"))]
+    files = [
+        image_file(noise, "DDS"),
+        *(image_file(noise, "DDS", pixel_format=name) for name in ("DXT1", "DXT5", "BC5")),
+    ]
     return [(file, "MSFT_texture_dds") for file in files]
 
 
 def _png() -> list[tuple[bytes, str]]:
     """One has something after its end, which readers skip: nearly all other damage breaks a checksum."""
-    whole = encoded(np.random.default_rng(3).integers(0, 255, (8, 8, 3)))
+    whole = image_file(np.random.default_rng(3).integers(0, 255, (8, 8, 3)))
     return [(whole, ""), (whole + bytes(200), "")]
 
 
 def _pictures(kind: str, extension: str, *options: dict[str, object]) -> Callable[[], list[tuple[bytes, str]]]:
     noise = np.random.default_rng(3).integers(0, 255, (8, 8, 3))
-    return lambda: [(encoded(noise, kind, **more), extension) for more in options or ({},)]
+    return lambda: [(image_file(noise, kind, **more), extension) for more in options or ({},)]
 
 
 IMAGES: dict[str, Callable[[], list[tuple[bytes, str]]]] = {
@@ -255,7 +266,7 @@ IMAGES: dict[str, Callable[[], list[tuple[bytes, str]]]] = {
 
 def _hdr(folder: Path) -> list[bytes]:
     codes = np.random.default_rng(3).integers(100, 140, (8, 16, 4)).astype(np.uint8)
-    return [hdr(codes), hdr(codes, runs=False)]
+    return [hdr_file(codes), hdr_file(codes, runs=False)]
 
 
 def _exr(folder: Path) -> list[bytes]:

@@ -17,7 +17,7 @@ from fuzz_commands import command_line, prepare, run_command
 from fuzz_mutants import mutate_bytes, mutate_json, mutate_text
 from fuzz_seeds import GLTF, IMAGES, MESHES, MTL, RADIANCE, mesh_file
 from hypothesis import strategies as st
-from support.gltf_writer import GltfWriter, encoded
+from support.files import GltfWriter, image_file
 
 import solari_vk as sv
 from solari_vk.base.errors import SolariError
@@ -137,7 +137,7 @@ def _image(files: Sequence[tuple[bytes, str]], path: Path) -> Subject:
 
 
 def _mesh(kind: str, path: Path) -> Subject:
-    data, materials, picture = mesh_file(kind), path.with_name("model.mtl"), encoded(np.zeros((2, 2, 3)))
+    data, materials, picture = mesh_file(kind), path.with_name("model.mtl"), image_file(np.zeros((2, 2, 3)))
     path.write_bytes(data)
     materials.write_bytes(MTL)
     path.with_name("wood.png").write_bytes(picture)

@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from support.full_disks import room_for
+from support.files import files_limited_to
 
 import solari_vk as sv
 from solari_vk.base import files
@@ -40,7 +40,7 @@ class Disk:
         def start(path: Path) -> Path:
             self.written.append((path, 0))
             if self._number == len(self.written) - 1 and self._fitting != RENAMING:
-                self._full = room_for(self._fitting)
+                self._full = files_limited_to(self._fitting)
                 self._full.__enter__()
             return beside(path)
 
@@ -63,7 +63,7 @@ class Disk:
             self.written.append((path, len(text)))
             before = path.stat().st_size if path.exists() else 0
             full = self._number == len(self.written) - 1
-            with room_for(before + max(self._fitting, 0) if full else before + len(text)):
+            with files_limited_to(before + max(self._fitting, 0) if full else before + len(text)):
                 append(journal, text)
 
         for owner, name, patch in (
@@ -232,7 +232,10 @@ def test_the_end_of_a_picture(tmp_path, name, shape):
     sv.save_image(path, black)
     whole = path.read_bytes()
     for size in (*range(0, len(whole), len(whole) // 40), len(whole) - 1):
-        with room_for(size), pytest.raises(sv.SolariError, match=r"can't be written: (No space|File too large)"):
+        with (
+            files_limited_to(size),
+            pytest.raises(sv.SolariError, match=r"can't be written: (No space|File too large)"),
+        ):
             sv.save_image(path, black)
         assert contents(tmp_path) == {name: whole}
 

@@ -12,7 +12,7 @@ import zlib
 
 import numpy as np
 import pytest
-from support.gltf_writer import TRIANGLE, GltfWriter
+from support.files import TRIANGLE, GltfWriter
 
 import solari_vk as sv
 from solari_vk.base.budget import parse_size

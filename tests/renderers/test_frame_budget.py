@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from support.frames import find, settle
-from support.measured import hold
-from support.realtime import Effort, make_renderer, measure_mean, measure_significance, read_radiance, run_pictures
+from support.frames import Effort, make_renderer, observe_runs, read_radiance, render_frames
 from support.seeded_bugs import Bug, bug_tests
+from support.statistics import measure_mean, measure_tiles_t, require
 
 import solari_vk as sv
 from solari_vk.lab.conformance.rules import SUITE, Rule
@@ -118,20 +117,20 @@ def check_mean(device, **settings):
     effort, found = Effort(), []
     for share in (0.5, 1.0):
         with with_share(device, share, **settings) as renderer:
-            found.append(run_pictures(renderer, renderer.binder.scene.camera, effort, read_radiance))
+            found.append(observe_runs(renderer, renderer.binder.scene.camera, effort, read_radiance))
     half, whole = found
-    return [measure_mean(MEAN, half, whole.mean(axis=0), 0.005, effort), measure_significance(TILES, half, whole)]
+    return [measure_mean(MEAN, half, whole.mean(axis=0), 0.005, effort), measure_tiles_t(TILES, half, whole)]
 
 
 @pytest.mark.slow
 def test_half_of_the_paths_have_the_same_mean(device):
-    hold(check_mean(device))
+    require(check_mean(device))
 
 
 @pytest.mark.slow
 def test_so_they_have_with_the_world_cache(device):
     """With the default's bounces: where fewer paths know fewer cells, they go on until light is negligible."""
-    hold(check_mean(device, world_cache=True, paths_bounces=sv.Settings().paths_bounces))
+    require(check_mean(device, world_cache=True, paths_bounces=sv.Settings().paths_bounces))
 
 
 test_a_seeded_bug_is_noticed = bug_tests(
@@ -147,7 +146,7 @@ test_a_seeded_bug_is_noticed = bug_tests(
 def test_pixels_take_no_one_or_two_paths(device):
     with with_share(device, 0.5, jitter=False) as renderer:
         first = np.asarray(renderer.render()["paths_diffuse"])[..., 3]
-        later = [np.asarray(settle(renderer, None, 12)["paths_diffuse"])[..., 3] < 0 for _ in range(2)]
+        later = [np.asarray(render_frames(renderer, None, 12)["paths_diffuse"])[..., 3] < 0 for _ in range(2)]
         assert (first >= 0).all(), "pixels without a history take a path"
         assert all(0.45 < skipped.mean() < 0.55 for skipped in later)
         assert (later[0] != later[1]).any()
@@ -160,9 +159,9 @@ def test_pixels_take_no_one_or_two_paths(device):
 def test_few_paths_follow_a_lamp(device):
     """The share of the former light that is left: pixels without a path show it in one frame and no longer."""
     scene = builtin("cornell_box")
-    lamp = find(scene, "lamp").material
+    lamp = scene.instances["lamp"].material
     with with_share(device, MIN_SHARE, scene, world_cache=True, jitter=False) as renderer:
-        before = read_radiance(settle(renderer, None, 64)).mean()
+        before = read_radiance(render_frames(renderer, None, 64)).mean()
         lamp.emissive = tuple(0.2 * np.array(lamp.emissive))
         left = [(read_radiance(renderer.render()).mean() / before - 0.2) / 0.8 for _ in range(8)]
     assert left[0] < 0.5
@@ -174,14 +173,14 @@ def test_all_of_the_paths_are_the_frame_without_it(device):
     """Bit by bit, while histories are short and later."""
     with with_share(device, 1.0) as timed, make_renderer(device, builtin("cornell_box"), SIZE, **PLAIN) as plain:
         for frames in (1, 3, 12):
-            assert np.array_equal(*(settle(renderer, None, frames)["radiance"] for renderer in (timed, plain)))
+            assert np.array_equal(*(render_frames(renderer, None, frames)["radiance"] for renderer in (timed, plain)))
 
 
 def test_on_a_device(device):
     with make_renderer(device, builtin("cornell_box"), SIZE, **PLAIN, frame_ms=1e-3) as renderer:
         for frame_ms, share, limit in ((1e-3, MIN_SHARE, "fewest paths"), (1e4, MAX_SHARE, "most paths")):
             renderer.settings.frame_ms = frame_ms
-            settle(renderer, None, 16)
+            render_frames(renderer, None, 16)
             assert (renderer.frame_time.share, renderer.frame_time.limit) == (share, limit)
         control = renderer.frame_time
         renderer.resize((16, 16))
@@ -192,7 +191,7 @@ def test_on_a_device(device):
         assert (renderer.frame_time.share, renderer.frame_time.limit) == (1.0, "denoise=off")
         assert len(renderer.frame_time._submitted) < 4
         renderer.settings.frame_ms = 0.0
-        settle(renderer, None, 4)
+        render_frames(renderer, None, 4)
         assert not renderer.frame_time._submitted, "frames without frame_ms are not noted"
         renderer.settings.frame_ms = 1.0
         renderer.settings.reset("denoise")

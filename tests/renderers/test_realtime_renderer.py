@@ -6,8 +6,7 @@ import weakref
 
 import numpy as np
 import pytest
-from support.memory import leaves_nothing
-from support.realtime import DIRECT, make_renderer
+from support.frames import DIRECT, leaves_nothing, make_renderer
 
 import solari_vk as sv
 from solari_vk.bound.binder import SceneBinder

@@ -10,7 +10,7 @@ import numpy as np
 import OpenEXR
 import pytest
 from PIL import Image
-from support.realtime import GBUFFER, PartialRenderer, make_renderer
+from support.frames import GBUFFER, PartialRenderer, make_renderer
 
 import solari_vk as sv
 from solari_vk import shapes

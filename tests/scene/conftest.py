@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import pytest
-from support.gltf_writer import GltfWriter
+from support.files import GltfWriter
 
 
 @pytest.fixture

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 import pytest
-from support.oracles import environments
+from oracles.light import environment_irradiance
 
 from solari_vk.base.errors import SolariError
 from solari_vk.scene import shapes
@@ -152,7 +152,7 @@ def test_errors_list_the_known_names(name, options, message):
 def test_a_studio_has_the_light_of_its_floor_below_the_horizon():
     """Without a scene, the floor looks like the map beside it: its albedo times its irradiance over pi."""
     environment = studio_environment(2.0)
-    expected = FLOOR_ALBEDO / math.pi * environments.irradiance(environment, (0, 1, 0), rows=256)
+    expected = FLOOR_ALBEDO / math.pi * environment_irradiance(environment, (0, 1, 0), rows=256)
     np.testing.assert_allclose(environment.image[len(environment.image) // 2 :], 2.0)
     np.testing.assert_allclose(expected, 2.0, rtol=5e-3)
 

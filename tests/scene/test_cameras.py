@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 import pytest
-from support.oracles import gbuffer
+from oracles.cameras import project
 
 import solari_vk as sv
 from solari_vk.base.errors import SolariError
@@ -40,7 +40,7 @@ def test_framing_touches_the_pictures_edges(orthographic, aspect, scale):
     corners = scale * np.array([[x, y, z] for x in BOX[:, 0] for y in BOX[:, 1] for z in BOX[:, 2]])
     picture = np.zeros((100, round(100 * aspect), 3))
     picture[:8, 0] = corners
-    seen = gbuffer.project(camera, picture)[:8, 0] / picture.shape[1::-1]
+    seen = project(camera, picture)[:8, 0] / picture.shape[1::-1]
     assert np.abs(seen - 0.5).max() == pytest.approx(0.5 / 1.1, abs=1e-6)
     depth = (camera.transform[:3, 3] - corners) @ camera.transform[:3, 2]
     assert (depth > camera.near).all()

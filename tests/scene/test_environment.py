@@ -7,9 +7,10 @@ import re
 import numpy as np
 import OpenEXR
 import pytest
+from oracles.encodings import decode_rgb9e5, rgb9e5_step
+from oracles.light import environment_irradiance, environment_radiance
 from PIL import Image
-from support.hdr_files import hdr, rgbe
-from support.oracles import encodings, environments
+from support.files import hdr_file, rgbe_codes
 
 import solari_vk as sv
 from solari_vk.base.errors import SolariError
@@ -33,12 +34,12 @@ def colors():
 @pytest.mark.parametrize("runs", [True, False])
 def test_radiance_pictures(tmp_path, colors, runs):
     file = tmp_path / "map.hdr"
-    file.write_bytes(hdr(rgbe(colors), runs))
+    file.write_bytes(hdr_file(rgbe_codes(colors), runs))
     found = sv.Environment(file).image
     assert (np.abs(found - colors).max(axis=-1) <= colors.max(axis=-1) / 128).all()
-    file.write_bytes(hdr(rgbe(colors), runs, b"#?RGBE\nEXPOSURE=2.0\nFORMAT=32-bit_rle_rgbe\nEXPOSURE=4\n"))
+    file.write_bytes(hdr_file(rgbe_codes(colors), runs, b"#?RGBE\nEXPOSURE=2.0\nFORMAT=32-bit_rle_rgbe\nEXPOSURE=4\n"))
     np.testing.assert_allclose(sv.Environment(str(file)).image, found / 8)
-    header, runs_of_rows = hdr(rgbe(colors), runs, b"#?RGBE\nEXPOSURE=2\n").split(b"+X 32\n")
+    header, runs_of_rows = hdr_file(rgbe_codes(colors), runs, b"#?RGBE\nEXPOSURE=2\n").split(b"+X 32\n")
     file.write_bytes(header.replace(b"\n", b"\r\n") + b"+X 32\r\n" + runs_of_rows)
     np.testing.assert_allclose(sv.Environment(file).image, found / 2)
 
@@ -68,7 +69,7 @@ def test_exr_and_png_pictures(tmp_path, colors):
 
 
 def test_broken_files_are_refused(tmp_path, colors):
-    good = hdr(rgbe(colors))
+    good = hdr_file(rgbe_codes(colors))
     body = good.index(b"+X 32\n") + 6
     for data, text in (
         (good[:-7], "cut off"),
@@ -80,7 +81,7 @@ def test_broken_files_are_refused(tmp_path, colors):
         (good.replace(b"-Y 16", b"-Y 0"), "pixels; from 1"),
         (good.replace(b"rgbe", b"xyze"), "XYZ"),
         (good[:body] + bytes((2, 2, 0, 32)) + bytes(400), "cut off"),
-        (hdr(rgbe(colors), False)[:-1], "cut off"),
+        (hdr_file(rgbe_codes(colors), False)[:-1], "cut off"),
         (good[:body] + bytes((1, 1, 1, 9)) * 512, "old kind"),
         (good.replace(b"\nFORMAT", b"\nEXPOSURE=1e999\nFORMAT"), "the EXPOSURE inf"),
     ):
@@ -194,8 +195,8 @@ def test_large_pictures_are_averaged_down(monkeypatch):
 
 def test_texels_are_stored_to_half_a_step(colors):
     codes, scale = encode_texels(colors.astype(np.float32))
-    found = encodings.decode_rgb9e5(codes).reshape(colors.shape) * scale
-    steps = encodings.rgb9e5_step(codes).reshape((*colors.shape[:2], 1)) * scale
+    found = decode_rgb9e5(codes).reshape(colors.shape) * scale
+    steps = rgb9e5_step(codes).reshape((*colors.shape[:2], 1)) * scale
     assert (np.abs(found - colors) <= 0.5000001 * steps + 1e-6 * colors).all()
     fine = np.maximum(colors.max(axis=-1) / 255, scale * 2.0**-24)
     assert (steps[..., 0] <= fine)[colors.any(axis=-1)].all()
@@ -229,7 +230,7 @@ def test_sunlight_through_the_zenith_has_its_closed_form():
 def test_the_ground_gets_no_more_than_the_sun_sends(turbidity):
     """The lit ground has the light of sky and sun, which together are less than the sun's above the atmosphere."""
     sky = sv.Sky((0, 1, 1), turbidity=turbidity, ground_albedo=0.5)
-    from_sky = environments.irradiance(sky, (0, 1, 0), rows=128)
+    from_sky = environment_irradiance(sky, (0, 1, 0), rows=128)
     from_sun = sky.sun.illuminance * sky.sun.color * np.sqrt(0.5)
     np.testing.assert_allclose(sky.image[-1, 0], 0.5 / np.pi * (from_sky + from_sun), rtol=0.01)
     share = (from_sky + from_sun) / (SUN_ILLUMINANCE * np.sqrt(0.5))
@@ -240,7 +241,7 @@ def test_the_ground_gets_no_more_than_the_sun_sends(turbidity):
 def test_a_clear_sky_is_blue_and_bright_around_the_sun_and_haze_whitens_it():
     clear, hazy = sv.Sky((1, 0.6, 0)), sv.Sky((1, 0.6, 0), turbidity=8)
     away = [(-1, 1, 0)]
-    blue, white = (environments.radiance(sky, away)[0] for sky in (clear, hazy))
+    blue, white = (environment_radiance(sky, away)[0] for sky in (clear, hazy))
     assert blue[2] > 1.8 * blue[0]
     assert white[2] / white[0] < 0.8 * blue[2] / blue[0]
     np.testing.assert_allclose(clear.brightest, clear.sun_direction, atol=0.1)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from support.gltf_writer import TRIANGLE
+from support.files import TRIANGLE
 
 from solari_vk.scene.files.gltf import load_gltf
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from support.assets import ASSETS, asset
+from support.files import ASSETS, asset
 
 import solari_vk as sv
 from solari_vk.scene.files.gltf import load_gltf

@@ -7,8 +7,17 @@ import sys
 import DracoPy
 import numpy as np
 import pytest
-from support.compressed_gltf import MESHOPT, SIDE, corners, draco_file, meshopt_accessor, meshopt_file, plain_file, wave
-from support.gltf_writer import GltfWriter
+from support.files import (
+    MESHOPT,
+    SHEET_SIDE,
+    GltfWriter,
+    corners,
+    draco_file,
+    meshopt_accessor,
+    meshopt_file,
+    plain_file,
+    wavy_sheet,
+)
 
 from solari_vk.base.errors import SolariError
 
@@ -49,9 +58,9 @@ def test_meshopt(writer, expected, extension):
 
 
 def test_sequences_of_indices(writer):
-    strip = np.array([0, SIDE, 1, SIDE + 1, 2, SIDE + 2], np.uint32)
+    strip = np.array([0, SHEET_SIDE, 1, SHEET_SIDE + 1, 2, SHEET_SIDE + 2], np.uint32)
     indices = meshopt_accessor(writer, strip, "u4", "SCALAR", "INDICES")
-    writer.mesh({"POSITION": wave()[0]}, indices, mode=5)
+    writer.mesh({"POSITION": wavy_sheet()[0]}, indices, mode=5)
     writer.finish()["buffers"].append({"byteLength": 24})
     assert writer.load().instances[0].mesh.triangles.shape == (4, 3)
 
@@ -84,7 +93,7 @@ def test_views_with_plain_data_too_need_no_library(writer, no_library):
     meshopt_file(writer)
     with pytest.raises(SolariError, match=r"needs a library .*pip install 'solari-vk\[formats\]'"):
         writer.load()
-    positions, normals, uvs, triangles = wave()
+    positions, normals, uvs, triangles = wavy_sheet()
     contents = positions.astype("<f4"), np.zeros((len(normals), 4), "i1"), uvs.astype("<f4"), triangles.astype("<u2")
     data = bytearray()
     for view, content in zip(compressed_views(writer), contents, strict=True):

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from support.hdr_files import exr
-from support.oracles import environments
+from oracles.light import environment_radiance
+from support.files import exr_file
 
 from solari_vk.base.budget import BudgetError
 from solari_vk.base.errors import SolariError
@@ -40,13 +40,13 @@ def test_faces_lie_in_the_directions_of_their_axes(writer):
     scene = environment_of(writer, flat_faces(), intensity=2.0)
     assert not scene.warnings
     expected = 2 * LINEAR_OF_SRGB[np.arange(40, 241, 40)] * np.array((1, 1, 5, 1, 1, 1))
-    np.testing.assert_allclose(environments.radiance(scene.environment, AXES)[:, 0], expected, rtol=1e-5)
+    np.testing.assert_allclose(environment_radiance(scene.environment, AXES)[:, 0], expected, rtol=1e-5)
 
 
 def test_rotation_turns_the_cube(writer):
     half = np.sqrt(0.5)
     scene = environment_of(writer, flat_faces(), rotation=[0, half, 0, half])  # +z goes to +x
-    seen = environments.radiance(scene.environment, AXES[:1])
+    seen = environment_radiance(scene.environment, AXES[:1])
     np.testing.assert_allclose(seen[0, 0], LINEAR_OF_SRGB[200], rtol=1e-5)
 
 
@@ -60,10 +60,10 @@ def test_faces_are_not_mirrored_seen_from_inside(writer):
     up = np.array((0, 0.5, 0))
     for forward in AXES[[0, 1, 4, 5]]:
         for channel, aside in ((0, 0.5 * np.cross(forward, (0, 1, 0))), (2, up)):
-            seen = environments.radiance(environment, [forward + aside, forward - aside])
+            seen = environment_radiance(environment, [forward + aside, forward - aside])
             np.testing.assert_allclose(seen[:, channel], (1, 0), atol=1e-6)
     # The rows of the upper face end at +z, and those of the lower face begin there.
-    seen = environments.radiance(environment, [(0, 1, -0.5), (0, 1, 0.5), (0, -1, 0.5), (0, -1, -0.5)])
+    seen = environment_radiance(environment, [(0, 1, -0.5), (0, 1, 0.5), (0, -1, 0.5), (0, -1, -0.5)])
     np.testing.assert_allclose(seen[:, 2], (1, 0, 1, 0), atol=1e-6)
 
 
@@ -120,7 +120,7 @@ def test_gradient_skies(writer):
     curves = {"topCurve": 1, "bottomCurve": 0.5}
     environment = sky_of(writer, {"type": "gradient", "gradient": {**colors, **curves}}).environment
     half = np.sqrt(0.5)
-    seen = environments.radiance(environment, [(0, 1, 0), (half, half, 0), (0, 0, -1), (0, -half, half), (0, -1, 0)])
+    seen = environment_radiance(environment, [(0, 1, 0), (half, half, 0), (0, 0, -1), (0, -half, half), (0, -1, 0)])
     share = 1 - 0.5**2  # of the nadir's color, half-way down
     expected = [(1, 0, 0), (0.5, 0.5, 0), (0, 1, 0), (0, 1 - share, 4 * share), (0, 0, 4)]
     np.testing.assert_allclose(seen, expected, atol=0.02)
@@ -131,7 +131,7 @@ def test_panoramas_have_z_in_the_middle_and_x_at_its_left(writer):
     quarters = np.repeat(np.array([(50, 0, 0), (100, 0, 0), (150, 0, 0), (200, 0, 0)], np.uint8), 8, axis=0)
     picture = np.roll(np.tile(quarters, (16, 1, 1)), -4, axis=1)  # the quarter of 150 around the middle
     scene = sky_of(writer, {"type": "panorama", "panorama": {"equirectangular": writer.image(picture)}})
-    seen = environments.radiance(scene.environment, AXES[[0, 4, 1, 5]])[:, 0]
+    seen = environment_radiance(scene.environment, AXES[[0, 4, 1, 5]])[:, 0]
     np.testing.assert_allclose(seen, LINEAR_OF_SRGB[[100, 150, 200, 50]], rtol=1e-5)
 
 
@@ -148,7 +148,7 @@ def test_panoramas_have_z_in_the_middle_and_x_at_its_left(writer):
 def test_exr_skies_are_checked_as_pictures_of_environments_are(writer, texel, lit, warning):
     pixels = np.ones((2, 4, 3), np.float32)
     pixels[1, 2, 0] = texel
-    texture = writer.add("textures", source=writer.add("images", bufferView=writer.view(exr(RGB=pixels))))
+    texture = writer.add("textures", source=writer.add("images", bufferView=writer.view(exr_file(RGB=pixels))))
     scene = sky_of(writer, {"type": "panorama", "panorama": {"equirectangular": texture}})
     assert [line[: len(warning or "")] for line in scene.warnings] == ([warning] if warning else [])
     assert (scene.environment is not None) == lit
@@ -169,7 +169,7 @@ def test_images_of_skies_are_opened_once_and_charged_before_they_are_read(writer
 
     monkeypatch.setattr(Entry, "charge", charge)
     monkeypatch.setattr(ExrImage, "colors", lambda self, who: pytest.fail("colors were read first"))
-    texture = writer.add("textures", source=writer.add("images", bufferView=writer.view(exr((1, 1, 1)))))
+    texture = writer.add("textures", source=writer.add("images", bufferView=writer.view(exr_file((1, 1, 1)))))
     del writer.json["scenes"], writer.json["buffers"]
     with pytest.raises(SolariError, match="full"):
         sky_of(writer, {"type": "panorama", "panorama": {"equirectangular": texture}})
@@ -178,7 +178,7 @@ def test_images_of_skies_are_opened_once_and_charged_before_they_are_read(writer
 def test_cubes_of_skies(writer):
     faces = [writer.image(face[..., :3]) for face in flat_faces()]
     scene = sky_of(writer, {"type": "panorama", "panorama": {"cubemap": faces}})
-    seen = environments.radiance(scene.environment, AXES)[:, 0]
+    seen = environment_radiance(scene.environment, AXES)[:, 0]
     np.testing.assert_allclose(seen, LINEAR_OF_SRGB[np.arange(40, 241, 40)], rtol=1e-5)
 
 

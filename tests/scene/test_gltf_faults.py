@@ -8,8 +8,7 @@ import re
 import DracoPy
 import numpy as np
 import pytest
-from support.compressed_gltf import DRACO
-from support.gltf_writer import TRIANGLE
+from support.files import DRACO, TRIANGLE
 
 from solari_vk.base.errors import SolariError
 

@@ -12,7 +12,7 @@ import zlib
 
 import numpy as np
 import pytest
-from support.gltf_writer import TRIANGLE, encoded
+from support.files import TRIANGLE, image_file
 
 from solari_vk.base.errors import SolariError
 from solari_vk.scene.files.gltf import load_gltf
@@ -113,7 +113,7 @@ URIS = ["../secret.bin", "..%2fsecret.bin", "%2e%2e/secret.bin", "sub/../../secr
 
 @pytest.mark.parametrize("kind", ["buffers", "images"])
 def test_uris_outside_the_folder(tmp_path, basic, kind):
-    (tmp_path / "secret.bin").write_bytes(encoded(GRAY) * 10)
+    (tmp_path / "secret.bin").write_bytes(image_file(GRAY) * 10)
     folder = tmp_path / "folder"
     (folder / "sub").mkdir(parents=True)
     (folder / "link.bin").symlink_to(tmp_path / "secret.bin")
@@ -279,7 +279,7 @@ def test_accessors_without_data(basic):
 
 @pytest.mark.parametrize("size", [(16385, 1), (1, 20000), (2**31 - 1, 2**31 - 1), (12000, 12000), (0, 5)])
 def test_giant_images(basic, size):
-    file = bytearray(encoded(GRAY))
+    file = bytearray(image_file(GRAY))
     file[16:24] = struct.pack(">II", *size)
     file[29:33] = struct.pack(">I", zlib.crc32(file[12:29]))
     show_image(basic, bufferView=basic.view(bytes(file)), name="sky")

@@ -8,9 +8,7 @@ import sys
 
 import numpy as np
 import pytest
-from support import ktx2_files
-from support.gltf_writer import encoded
-from support.hdr_files import exr
+from support.files import KTX2_ETC1S, KTX2_UASTC, exr_file, image_file, ktx2_file
 
 from solari_vk.base.budget import BudgetError, load_budget
 from solari_vk.base.errors import SolariError
@@ -59,7 +57,7 @@ def first_pixel(scene):
 
 @pytest.mark.parametrize("packing", ["embedded", "external"])
 def test_images_by_uri(writer, packing):
-    file = encoded(BLUE, "JPEG")
+    file = image_file(BLUE, "JPEG")
     folder = writer.path.parent / "a b"
     folder.mkdir()
     (folder / "blue.jpg").write_bytes(file)
@@ -75,18 +73,18 @@ def test_images_by_uri(writer, packing):
 @pytest.mark.parametrize(
     ("extension", "data", "pixel"),
     [
-        ("EXT_texture_webp", encoded(BLUE, "WEBP", lossless=True), [20, 40, 220, 255]),
-        ("KHR_texture_basisu", ktx2_files.UASTC, [200, 40, 40, 255]),
-        ("KHR_texture_ktx", ktx2_files.plain(np.full((2, 2, 4), 9), 37), [9, 9, 9, 9]),
-        ("EXT_texture_exr", exr(LINEAR_OF_SRGB[np.array((20, 40, 220))]), [20, 40, 220, 255]),
-        ("MSFT_texture_dds", encoded(BLUE, "DDS"), [20, 40, 220, 255]),
+        ("EXT_texture_webp", image_file(BLUE, "WEBP", lossless=True), [20, 40, 220, 255]),
+        ("KHR_texture_basisu", KTX2_UASTC, [200, 40, 40, 255]),
+        ("KHR_texture_ktx", ktx2_file(np.full((2, 2, 4), 9), 37), [9, 9, 9, 9]),
+        ("EXT_texture_exr", exr_file(LINEAR_OF_SRGB[np.array((20, 40, 220))]), [20, 40, 220, 255]),
+        ("MSFT_texture_dds", image_file(BLUE, "DDS"), [20, 40, 220, 255]),
     ],
 )
 @pytest.mark.parametrize("fallback", [False, True])
 def test_images_of_extensions_come_before_those_that_replace_them(writer, extension, data, pixel, fallback):
     source = {"extensions": {extension: {"source": stored(writer, data)}}}
     if fallback:
-        source["source"] = stored(writer, encoded(np.zeros((1, 1, 3))))
+        source["source"] = stored(writer, image_file(np.zeros((1, 1, 3))))
     writer.json["extensionsRequired"] = [extension]
     show(writer, **source)
     scene = writer.load(strict=True)
@@ -95,9 +93,9 @@ def test_images_of_extensions_come_before_those_that_replace_them(writer, extens
 
 def test_exr_textures_are_colors_or_data_by_what_they_are_for(writer):
     """0.5 is the sRGB code 188 as a color, and 128 as data and as alpha. What is above 1 is clipped, and NaN is 0."""
-    show(writer, "baseColorTexture", source=stored(writer, exr((0.5, 3.0, np.nan), A=np.full((2, 3), 0.5, "f4"))))
-    show(writer, "normalTexture", source=stored(writer, exr((0.5, 0.5, 1.0))))
-    show(writer, "emissiveTexture", "normalTexture", source=stored(writer, exr((0.5, 0.5, 0.5))))
+    show(writer, "baseColorTexture", source=stored(writer, exr_file((0.5, 3.0, np.nan), A=np.full((2, 3), 0.5, "f4"))))
+    show(writer, "normalTexture", source=stored(writer, exr_file((0.5, 0.5, 1.0))))
+    show(writer, "emissiveTexture", "normalTexture", source=stored(writer, exr_file((0.5, 0.5, 0.5))))
     colored, bumped, both = (instance.material for instance in writer.load(strict=True))
     assert colored.base_color_texture.image.pixels[1, 2].tolist() == [188, 255, 0, 128]
     assert bumped.normal_texture.image.pixels[1, 2].tolist() == [128, 128, 255, 255]
@@ -109,10 +107,10 @@ def test_exr_textures_are_colors_or_data_by_what_they_are_for(writer):
     ("data", "pixel", "off"),
     [
         (dx10(bc7((201, 41, 43, 255)), 98), [201, 41, 43, 255], 0),
-        (encoded(BLUE, "DDS", pixel_format="DXT1"), [20, 40, 220, 255], 4),
-        (encoded(BLUE, "DDS", pixel_format="DXT5"), [20, 40, 220, 255], 4),
-        (encoded(np.full((8, 8, 3), (204, 128, 0)), "DDS", pixel_format="BC5"), [204, 128, 230, 255], 1),
-        (encoded(np.full((4, 4, 4), (1, 2, 3, 4)), "DDS"), [1, 2, 3, 4], 0),
+        (image_file(BLUE, "DDS", pixel_format="DXT1"), [20, 40, 220, 255], 4),
+        (image_file(BLUE, "DDS", pixel_format="DXT5"), [20, 40, 220, 255], 4),
+        (image_file(np.full((8, 8, 3), (204, 128, 0)), "DDS", pixel_format="BC5"), [204, 128, 230, 255], 1),
+        (image_file(np.full((4, 4, 4), (1, 2, 3, 4)), "DDS"), [1, 2, 3, 4], 0),
     ],
     ids=["bc7", "bc1", "bc3", "bc5: z = 0.8 completes x = 0.6", "rgba"],
 )
@@ -126,10 +124,10 @@ def test_dds(writer, data, pixel, off):
     [
         (IDENTIFIER_OF_KTX_1 + bytes(99), "image 0 is a KTX 1 file, which isn't read: convert it by ktx2ktx2"),
         (dx10(bytes(16), 95), "image 0 is a DDS image of the format BC6H: save it with 8 bits"),
-        (encoded(BLUE, "DDS")[:-9], "image 0 is a damaged DDS image: save it again"),
-        (exr((1, 1, 1))[:-9], "image 0 is a damaged EXR picture"),
-        (exr((1, 1, 1))[:40], "image 0 is a damaged EXR picture (index out of range): save it again"),
-        (exr(Z=np.ones((2, 3), "f4")), "image 0 has no channels R, G and B, nor Y, but Z"),
+        (image_file(BLUE, "DDS")[:-9], "image 0 is a damaged DDS image: save it again"),
+        (exr_file((1, 1, 1))[:-9], "image 0 is a damaged EXR picture"),
+        (exr_file((1, 1, 1))[:40], "image 0 is a damaged EXR picture (index out of range): save it again"),
+        (exr_file(Z=np.ones((2, 3), "f4")), "image 0 has no channels R, G and B, nor Y, but Z"),
     ],
 )
 def test_dds_exr_and_ktx_that_are_not_read(writer, data, reason):
@@ -137,7 +135,7 @@ def test_dds_exr_and_ktx_that_are_not_read(writer, data, reason):
     assert writer.load().warnings[0].startswith(LEFT_OUT + reason)
 
 
-@pytest.mark.parametrize("data", [encoded(NOISE, "DDS"), exr((1, 1, 1))])
+@pytest.mark.parametrize("data", [image_file(NOISE, "DDS"), exr_file((1, 1, 1))])
 def test_dds_and_exr_are_charged(data):
     image = image_files.open_image(data, "x")
     needed = 8 * image.width * image.height + image_files.working_bytes(image)
@@ -147,7 +145,7 @@ def test_dds_and_exr_are_charged(data):
 
 def test_a_damaged_image_leaves_the_factor(writer):
     slots = ("baseColorTexture", "metallicRoughnessTexture", "normalTexture", "emissiveTexture")
-    show(writer, *slots, source=stored(writer, encoded(NOISE)[:99], name="bark"))
+    show(writer, *slots, source=stored(writer, image_file(NOISE)[:99], name="bark"))
     scene = writer.load()
     assert all(getattr(scene.instances[0].material, name) is None for name in TEXTURES)
     [warning] = scene.warnings
@@ -178,8 +176,8 @@ def test_images_that_can_not_be_read_are_named(writer, image, reason):
 
 def test_another_image_replaces_one_that_needs_a_missing_library(writer, monkeypatch):
     monkeypatch.setitem(sys.modules, "opengl_basisu", None)
-    compressed = {"extensions": {"KHR_texture_basisu": {"source": stored(writer, ktx2_files.ETC1S)}}}
-    show(writer, source=stored(writer, encoded(BLUE)), **compressed)
+    compressed = {"extensions": {"KHR_texture_basisu": {"source": stored(writer, KTX2_ETC1S)}}}
+    show(writer, source=stored(writer, image_file(BLUE)), **compressed)
     with pytest.warns(UserWarning, match="Basis Universal.*pip install 'solari-vk") as warned:
         scene = writer.load()
     assert first_pixel(scene) == [20, 40, 220, 255]

@@ -8,7 +8,7 @@ import warnings
 
 import numpy as np
 import pytest
-from support.same_scene import check_same
+from support.scenes import check_same
 
 import solari_vk as sv
 from solari_vk.scene.files.gltf.pointers import DEFAULTS

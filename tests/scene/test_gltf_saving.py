@@ -15,10 +15,8 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from support.assets import ASSETS, asset
-from support.characters import bent, tube
-from support.random_scenes import random_transform
-from support.same_scene import check_same
+from support.files import ASSETS, asset
+from support.scenes import bent_joints, check_same, random_transform, tube
 
 import solari_vk as sv
 from solari_vk.base.errors import SolariError
@@ -119,7 +117,7 @@ def scenes(draw):
         pose = {}
         if mesh.deformation is not None and random.random() < 0.8:
             _, rest = tube()
-            pose = {"joint_matrices": bent(rest, 0.5)[:, :3], "morph_weights": random.random(2)}
+            pose = {"joint_matrices": bent_joints(rest, 0.5)[:, :3], "morph_weights": random.random(2)}
         visible = bool(random.random() < 0.8)
         material = draw(materials())
         if material.normal_texture is not None and mesh.tangents is None:
@@ -332,7 +330,7 @@ def test_vertices_without_joints_stay(tmp_path):
     still = dataclasses.replace(mesh.deformation, joint_weights=weights)
     instance = sv.Instance(
         dataclasses.replace(mesh, deformation=still),
-        joint_matrices=bent(rest, 1.0),
+        joint_matrices=bent_joints(rest, 1.0),
         name="tube",
         transform=np.diag([1, 2, 3, 1]),
     )
@@ -387,7 +385,7 @@ def test_textures_that_need_tangents_get_them(tmp_path, name):
         name="half",
     )
     skin = dataclasses.replace(tube(targets=2)[0], tangents=None)
-    pose = {"joint_matrices": bent(tube()[1], 0.5)[:, :3], "morph_weights": [0.2, 0.7]}
+    pose = {"joint_matrices": bent_joints(tube()[1], 0.5)[:, :3], "morph_weights": [0.2, 0.7]}
     textured = sv.Material(**{name: IMAGES[1]})
     scene = sv.Scene(
         *(sv.Instance(mesh, textured) for mesh in (half, dataclasses.replace(half, normals=None))),

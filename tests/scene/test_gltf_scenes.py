@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from support.gltf_writer import GltfWriter
+from support.files import GltfWriter
 
 from solari_vk.base.errors import SolariError
 from solari_vk.scene.files.gltf import EXTENSIONS, load_gltf

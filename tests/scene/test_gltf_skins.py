@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 import pytest
-from support.gltf_writer import TRIANGLE
+from support.files import TRIANGLE
 
 import solari_vk as sv
 from solari_vk.base.errors import SolariError

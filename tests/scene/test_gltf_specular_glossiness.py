@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from support.assets import asset
+from support.files import asset
 
 from solari_vk.scene.files.gltf import load_gltf
 from solari_vk.scene.files.gltf.specular_glossiness import EXTENSION

@@ -8,11 +8,9 @@ import tracemalloc
 
 import numpy as np
 import pytest
+from oracles.encodings import decode_srgb
 from PIL import Image
-from support import ktx2_files
-from support.gltf_writer import encoded
-from support.ktx2_files import plain
-from support.oracles.encodings import decode_srgb
+from support.files import KTX2_ETC1S, KTX2_UASTC, KTX2_UASTC_ZSTD, image_file, ktx2_file
 
 from solari_vk.base.errors import SolariError
 from solari_vk.scene.images.image_files import decode, open_image
@@ -31,7 +29,7 @@ def decode_image(data, who="the image"):
 @pytest.mark.parametrize("mode", ["L", "LA", "P", "RGB", "RGBA", "1"])
 def test_modes_become_rgba(mode):
     image = Image.fromarray(NOISE).convert(mode)
-    found = decode_image(encoded(image))
+    found = decode_image(image_file(image))
     assert found.dtype == np.uint8
     np.testing.assert_array_equal(found, np.asarray(image.convert("RGBA")))
 
@@ -40,23 +38,25 @@ def test_transparent_palettes():
     image = Image.new("P", (2, 1))
     image.putpalette([255, 0, 0, 0, 255, 0])
     image.putdata([0, 1])
-    assert decode_image(encoded(image, transparency=bytes([255, 7]))).tolist() == [[[255, 0, 0, 255], [0, 255, 0, 7]]]
+    assert decode_image(image_file(image, transparency=bytes([255, 7]))).tolist() == [
+        [[255, 0, 0, 255], [0, 255, 0, 7]]
+    ]
 
 
 def test_sixteen_bits_are_rounded_to_eight():
-    found = decode_image(encoded(Image.fromarray(np.array([[0, 257, 32768, 65535, 128 * 257, 255]], np.uint16))))
+    found = decode_image(image_file(Image.fromarray(np.array([[0, 257, 32768, 65535, 128 * 257, 255]], np.uint16))))
     assert found[0].tolist() == [[code, code, code, 255] for code in (0, 1, 128, 255, 128, 1)]
 
 
 def test_jpeg():
-    found = decode_image(encoded(np.full((9, 5, 3), [200, 100, 50]), "JPEG", quality=95))
+    found = decode_image(image_file(np.full((9, 5, 3), [200, 100, 50]), "JPEG", quality=95))
     np.testing.assert_allclose(found, np.broadcast_to([200, 100, 50, 255], (9, 5, 4)), atol=3)
 
 
 @pytest.mark.parametrize("lossless", [False, True])
 def test_webp(lossless):
     pixels = np.random.default_rng(6).integers(0, 256, (4, 6, 4), dtype=np.uint8).repeat(8, 0).repeat(8, 1)
-    found = decode_image(encoded(pixels, "WEBP", lossless=lossless, exact=True, quality=95)).astype(int)
+    found = decode_image(image_file(pixels, "WEBP", lossless=lossless, exact=True, quality=95)).astype(int)
     np.testing.assert_allclose(found, pixels, atol=0 if lossless else 140)  # lossy: half the chroma
     np.testing.assert_allclose(found[4::8, 4::8], pixels[4::8, 4::8], atol=0 if lossless else 25)
 
@@ -64,10 +64,13 @@ def test_webp(lossless):
 # ---- KTX2 -------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("name", ["ETC1S", "UASTC", "UASTC_ZSTD"])
+BASIS_UNIVERSAL = {"ETC1S": KTX2_ETC1S, "UASTC": KTX2_UASTC, "UASTC_ZSTD": KTX2_UASTC_ZSTD}
+
+
+@pytest.mark.parametrize("name", BASIS_UNIVERSAL)
 def test_basis_universal(name):
     two = np.repeat([[[200, 40, 40, 255]] * 4 + [[40, 40, 200, 128]] * 4], 4, axis=0)
-    np.testing.assert_allclose(decode_image(getattr(ktx2_files, name)), two, atol=4 if name == "ETC1S" else 0)
+    np.testing.assert_allclose(decode_image(BASIS_UNIVERSAL[name]), two, atol=4 if name == "ETC1S" else 0)
 
 
 @pytest.mark.parametrize("scheme", [0, 2, 3])
@@ -77,13 +80,13 @@ def test_plain_pixels(scheme):
         expected = np.zeros_like(NOISE)
         expected[..., 3] = 255
         expected[..., channels] = NOISE[..., channels]
-        found = decode_image(plain(NOISE[..., channels], vk_format, scheme))
+        found = decode_image(ktx2_file(NOISE[..., channels], vk_format, scheme))
         np.testing.assert_array_equal(found, expected, err_msg=order)
 
 
 # ---- files that are refused -------------------------------------------------------------------------
 
-CLAIM = ktx2_files.UASTC_ZSTD[:96] + struct.pack("<Q", 2**40) + ktx2_files.UASTC_ZSTD[104:]
+CLAIM = KTX2_UASTC_ZSTD[:96] + struct.pack("<Q", 2**40) + KTX2_UASTC_ZSTD[104:]
 OTHER_FORMAT = "is not a PNG, JPEG, WebP, KTX2, DDS or EXR image, or is damaged"
 
 
@@ -92,17 +95,17 @@ OTHER_FORMAT = "is not a PNG, JPEG, WebP, KTX2, DDS or EXR image, or is damaged"
     [
         (b"", OTHER_FORMAT),
         (b"GIF89a" + b"\0" * 50, OTHER_FORMAT),
-        (encoded(NOISE, "GIF"), OTHER_FORMAT),
-        (encoded(NOISE[..., :3], "BMP"), OTHER_FORMAT),
-        (plain(NOISE, 37, depth=4), "save one picture alone"),
-        (plain(NOISE, 37, layers=2), "save one picture"),
-        (plain(NOISE, 37, faces=6), "save one picture"),
-        (plain(NOISE, 37, width=0), "save one picture"),
-        (plain(NOISE, 37, width=16385), "scale it down"),
-        (plain(NOISE, 37, scheme=7), "with 8 bits a channel"),
-        (plain(NOISE, 97), "the VkFormat 97"),
-        (plain(NOISE, 37, height=6), "bytes of pixels instead of"),
-        (plain(NOISE, 0, scheme=1), "damaged"),
+        (image_file(NOISE, "GIF"), OTHER_FORMAT),
+        (image_file(NOISE[..., :3], "BMP"), OTHER_FORMAT),
+        (ktx2_file(NOISE, 37, depth=4), "save one picture alone"),
+        (ktx2_file(NOISE, 37, layers=2), "save one picture"),
+        (ktx2_file(NOISE, 37, faces=6), "save one picture"),
+        (ktx2_file(NOISE, 37, width=0), "save one picture"),
+        (ktx2_file(NOISE, 37, width=16385), "scale it down"),
+        (ktx2_file(NOISE, 37, scheme=7), "with 8 bits a channel"),
+        (ktx2_file(NOISE, 97), "the VkFormat 97"),
+        (ktx2_file(NOISE, 37, height=6), "bytes of pixels instead of"),
+        (ktx2_file(NOISE, 0, scheme=1), "damaged"),
         (CLAIM, "expands to more than its size"),
     ],
 )
@@ -111,8 +114,7 @@ def test_other_files_are_refused(data, message):
         decode_image(data, "the lamp")
 
 
-KTX2 = {name: getattr(ktx2_files, name) for name in ("ETC1S", "UASTC", "UASTC_ZSTD")}
-KTX2 |= {f"scheme {scheme}": plain(NOISE, 37, scheme) for scheme in (0, 2, 3)}
+KTX2 = BASIS_UNIVERSAL | {f"scheme {scheme}": ktx2_file(NOISE, 37, scheme) for scheme in (0, 2, 3)}
 
 
 @pytest.mark.parametrize("name", ["PNG", "JPEG", "WEBP", *KTX2])
@@ -120,7 +122,7 @@ def test_damaged_files_are_refused_wherever_they_are_cut(name):
     if name in KTX2:
         whole, lengths = KTX2[name], range(12, len(KTX2[name]), 3)
     else:
-        whole = encoded(np.random.default_rng(2).integers(0, 256, (16, 16, 3)), name)
+        whole = image_file(np.random.default_rng(2).integers(0, 256, (16, 16, 3)), name)
         lengths = range(0, len(whole) - 30, 23)
     for length in lengths:
         with pytest.raises(SolariError, match="the lamp"):
@@ -129,7 +131,7 @@ def test_damaged_files_are_refused_wherever_they_are_cut(name):
 
 @pytest.mark.parametrize("scheme", [2, 3])
 def test_bombs_expand_to_no_more_than_their_size(scheme):
-    bomb = plain(NOISE, 37, scheme, level=bytes(2**25))
+    bomb = ktx2_file(NOISE, 37, scheme, level=bytes(2**25))
     tracemalloc.start()
     with pytest.raises(SolariError, match="bytes of pixels instead of 140"):
         decode_image(bomb)
@@ -138,7 +140,7 @@ def test_bombs_expand_to_no_more_than_their_size(scheme):
 
 
 @pytest.mark.parametrize(
-    ("module", "data"), [("opengl_basisu", ktx2_files.UASTC), ("backports.zstd", plain(NOISE, 37, 2))]
+    ("module", "data"), [("opengl_basisu", KTX2_UASTC), ("backports.zstd", ktx2_file(NOISE, 37, 2))]
 )
 def test_a_missing_library_is_named_with_what_installs_it(monkeypatch, module, data):
     for name in (module, "compression.zstd"):

@@ -10,8 +10,7 @@ import sys
 import numpy as np
 import pytest
 import trimesh
-from support import ktx2_files
-from support.gltf_writer import encoded
+from support.files import KTX2_ETC1S, image_file
 
 import solari_vk as sv
 from solari_vk.base.errors import SolariError
@@ -50,7 +49,7 @@ d 0.5
 def plane(tmp_path):
     (tmp_path / "plane.obj").write_text(PLANE)
     (tmp_path / "plane.mtl").write_text(MTL)
-    (tmp_path / "wood.png").write_bytes(encoded(np.full((2, 2, 3), [90, 60, 30])))
+    (tmp_path / "wood.png").write_bytes(image_file(np.full((2, 2, 3), [90, 60, 30])))
     return tmp_path / "plane.obj"
 
 
@@ -159,7 +158,7 @@ def test_textures_that_need_a_missing_library_are_warned_of(tmp_path, monkeypatc
     monkeypatch.setitem(sys.modules, "opengl_basisu", None)
     (tmp_path / "plane.obj").write_text(PLANE)
     (tmp_path / "plane.mtl").write_text("newmtl red\nmap_Kd wood.ktx2\nnewmtl lamp\n")
-    (tmp_path / "wood.ktx2").write_bytes(ktx2_files.ETC1S)
+    (tmp_path / "wood.ktx2").write_bytes(KTX2_ETC1S)
     with pytest.warns(UserWarning, match="textures are left out: .*wood.ktx2.*pip install 'solari-vk") as warned:
         scene = sv.load(tmp_path / "plane.obj")
     assert [str(one.message) for one in warned] == scene.warnings
@@ -178,7 +177,7 @@ def test_textures_that_need_a_missing_library_are_warned_of(tmp_path, monkeypatc
     ],
 )
 def test_materials_that_can_not_be_read(tmp_path, mtl, reason):
-    (tmp_path / "secret.png").write_bytes(encoded(np.zeros((1, 1, 3))))
+    (tmp_path / "secret.png").write_bytes(image_file(np.zeros((1, 1, 3))))
     folder = tmp_path / "model"
     folder.mkdir()
     (folder / "link.png").symlink_to(tmp_path / "secret.png")

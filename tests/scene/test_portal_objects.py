@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from support.same_scene import check_same
+from support.scenes import check_same
 
 import solari_vk as sv
 from solari_vk.base.errors import SolariError

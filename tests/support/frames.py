@@ -1,25 +1,210 @@
-"""Comparisons of realtime frames: which outputs differ, and how much of an earlier picture a frame contains."""
+"""Frames and path-traced pictures for tests: renderers, independent runs, what frames hold, and runs of shaders."""
 
+from __future__ import annotations
+
+import ctypes
+import dataclasses
+import itertools
+import os
+import resource
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import Any, NamedTuple
 from unittest import mock
 
 import numpy as np
 import pytest
+from support.scenes import WALL_SIZE, metal_gallery
+from support.seeded_bugs import Bug, seeded
+from support.statistics import measure_mean, measure_picture_tiles, measure_tiles_t, tile_means_4x4
 
-from solari_vk.lab.conformance.rules import SUITE, Rule
+from solari_vk.base.errors import SolariError
+from solari_vk.bound.binder import SceneBinder
+from solari_vk.bound.constants import MATERIAL_SOLID, NO_INDEX
+from solari_vk.bound.features import LOBES
+from solari_vk.bound.material_record import TYPES
+from solari_vk.gpu.device.device import Device
+from solari_vk.gpu.frame.frame import Draw, Pass, Step
+from solari_vk.gpu.shaders.compiler import compile_shader, roots
+from solari_vk.gpu.shaders.shader_cache import Sources
+from solari_vk.gpu.shaders.spirv import reflect
+from solari_vk.lab.conformance.rules import SUITE, Measurement, Rule
 from solari_vk.passes import reference
-from solari_vk.renderers.renderer import LIGHT
-from support.realtime import SPLIT, make_renderer, measure_mean, measure_picture_tiles, run_pictures, trace
+from solari_vk.renderers.path_tracer import PathTracer
+from solari_vk.renderers.renderer import LIGHT, Renderer
+from solari_vk.scene.material import TEXTURES
+from solari_vk.settings import RAW, Settings
 
-SIZE = (32, 32)
+# Fewer tiles and cells than by default, for speed; they don't change means.
+SMALL = {"light_tile_count": 16, "world_cache_cells": 1 << 18}
+PARTS = ("diffuse_radiance", "specular_radiance")  # of the reflected light
+# Settings for Solari's passes, for which all cells of the world cache are updated.
+SPLIT_LIGHTING = {"lighting": "split", "world_cache_updates": "all", "world_cache_updates_per_pixel": 1e9}
+# Settings for frames with only surfaces and visible emission, sampled at pixel centers.
+LIGHT_OFF = {**SPLIT_LIGHTING, "di": False, "gi": False, "specular": False, "world_cache": False, "jitter": False}
+# The passes that compute one part of the light, the last three with lighting=split.
+GBUFFER = ("gbuffer/",)
+DIRECT = (*GBUFFER, "solari019/light_tiles/", "solari019/restir_di/")
+INDIRECT = (*GBUFFER, "solari019/light_tiles/", "world_cache/", "solari019/world_cache/", "solari019/restir_gi/")
+SPECULAR = (*INDIRECT, "solari019/specular_gi/")
+GUIDES = (*GBUFFER, "guides/")
+PATHS = (*GBUFFER, "world_cache/", "paths/", "display/compose")
+# What the path tracer computes, at the centers of pixels.
+PLAIN_PATHS = {
+    "lighting": "paths",
+    "world_cache": False,
+    "paths_candidates": 1,
+    "paths_later_candidates": 1,
+    "paths_regularization": 0.0,
+    "paths_bounces": 64,
+    "jitter": False,
+}
+FRAME_SIZE = (32, 32)  # where a test gives no other
+JITTER_PERIOD = 32  # number of frames after which samples cover the pixel evenly, so that edges add no noise
+
+
+@dataclass(frozen=True)
+class Effort:
+    """The effort of a measurement: independent runs, their warm-up and observed frames, the path tracer's samples.
+
+    Frames of a run are correlated, so more runs reduce noise more than more frames.
+    """
+
+    runs: int = 8
+    warm_up: int = 24
+    observed: int = JITTER_PERIOD
+    samples: int = 512
+
+    def __str__(self) -> str:
+        return f"{self.runs} runs of {self.observed} frames"
+
+
+class PartialRenderer(Renderer):
+    """The frame with only those passes whose names start with one of `passes`, such as "gbuffer/" or "paths/", so that
+    the shaders of all others need not be compiled.
+
+    A resource that a running pass only declares, because another pass writes it, holds zeros.
+    """
+
+    def __init__(self, *args, passes, **options):
+        self._passes = tuple(passes)
+        super().__init__(*args, **options)
+
+    def _stages(self, size):
+        stages = super()._stages(size)
+        sources = Sources(roots())
+        kept = [[step for step in stage.passes if step.name.startswith(self._passes)] for stage in stages]
+        declared = set().union(*(declared_resources(step, sources) for steps in kept for step in steps))
+        known = {name.removeprefix("previous_") for name in declared}
+        return [
+            dataclasses.replace(
+                stage,
+                passes=steps,
+                buffers={name: size for name, size in stage.buffers.items() if name.removeprefix("previous_") in known},
+                images={name: size for name, size in stage.images.items() if name in known},
+            )
+            for stage, steps in zip(stages, kept, strict=True)
+        ]
+
+
+def declared_resources(step, sources):
+    """The names of all resources that a step's shaders declare, and of what it draws into."""
+    if isinstance(step, Step):
+        return {*step.reads, *step.writes}
+    suffixes = ("comp",) if isinstance(step, Pass) else ("vert", "frag")
+    paths = [f"passes/{step.name}.{suffix}" for suffix in suffixes]
+    modules = [reflect(compile_shader(path, header=step.header, root=sources), path) for path in paths]
+    drawn = {step.depth} if isinstance(step, Draw) else set()
+    return drawn.union(*(module.bindings for module in modules))
+
+
+def make_renderer(device, scene, size=FRAME_SIZE, seed=0, passes=None, **settings):
+    """A renderer with RAW, SMALL and these settings; with `passes`, it runs only those (see PartialRenderer)."""
+    chosen = Settings(**{**RAW, **SMALL, **settings})
+    if passes is None:
+        return Renderer(device, scene, size, chosen, seed=seed)
+    return PartialRenderer(device, scene, size, chosen, seed=seed, passes=passes)
+
+
+def get_jitter(renderer):
+    """The offset of the latest frame's samples from pixel centers, (x, y) in pixels."""
+    return np.array(renderer._frame.uniforms["camera.jitter"], np.float64)
+
+
+def read_radiance(frame, name="sample_radiance"):
+    """A result of a frame, (h, w, 3)."""
+    return np.asarray(frame[name], np.float64)[..., :3]
+
+
+def add_up(frame, *names):
+    """The sum (h, w, 3) of results, by default of the reflected light."""
+    return sum(read_radiance(frame, name) for name in names or PARTS)
+
+
+def path_traced(device, scene, samples, size=FRAME_SIZE, camera=None, **settings):
+    """The path tracer's picture (h, w, 3)."""
+    with PathTracer(device, scene, size, **settings) as tracer:
+        return np.asarray(tracer.render(camera or scene.camera, samples=samples), np.float64)
+
+
+def path_traced_reflected(device, scene, samples, size=FRAME_SIZE, camera=None):
+    """The path tracer's picture (h, w, 3), black where a pixel shows even a part of a lamp.
+
+    A lamp's own pixels may hold half of a picture's light, and would hide errors of the rest.
+    """
+    emitted = path_traced(device, scene, 256, size, camera, max_bounces=0)
+    return np.where(emitted > 0, 0.0, path_traced(device, scene, samples, size, camera))
+
+
+# ---- independent runs ----
+
+
+def replicate(renderer, runs, observe):
+    """What `observe` returns after a reset with each of the seeds 0 to runs - 1, (runs, ...); all must be finite.
+
+    Each run has a seed and a history of its own (P-REPL of TESTING.md), so that runs are independent of each other.
+    """
+    found = []
+    for seed in range(runs):
+        renderer.seed = seed
+        renderer.reset()
+        found.append(np.asarray(observe(), np.float64))
+        assert np.isfinite(found[-1]).all(), f"seed {seed}: a value is not finite"
+    return np.stack(found)
+
+
+def observe_runs(renderer, camera, effort, read):
+    """The mean of `read(frame)` over the observed frames of each independent run, after its warm-up: (runs, ...)."""
+
+    def observe():
+        for _ in range(effort.warm_up):
+            renderer.render(camera)
+        total = 0.0
+        for _ in range(effort.observed):
+            total = total + np.asarray(read(renderer.render(camera)), np.float64)
+        return total / effort.observed
+
+    return replicate(renderer, effort.runs, observe)
+
+
 WHOLE = Rule("a picture is as bright as the path tracer's", SUITE, "Renderer")
 TILES = Rule("each of 4 x 4 tiles of a picture is close to the path tracer's", SUITE, "Renderer")
 OTHER_OUTPUTS = ("depth", "motion_vectors", "gbuffer", "guides_normal_roughness", "display")
 
 
+# ---- what frames hold ----
+
+
 # Tests of whole frames run with the raw light of paths and with the denoiser; when slow tests run, also with light that
 # pixels reuse and with Solari's passes. The parameter holds settings.
 def _lightings(*quick):
-    every = {"raw": {}, "denoised": {"denoise": True, "antialiasing": True}, "reuse": {"restir": True}, "split": SPLIT}
+    every = {
+        "raw": {},
+        "denoised": {"denoise": True, "antialiasing": True},
+        "reuse": {"restir": True},
+        "split": SPLIT_LIGHTING,
+    }
     return pytest.mark.parametrize(
         "lighting",
         [
@@ -34,43 +219,39 @@ each_lighting = _lightings("raw", "denoised")
 denoised_first = _lightings("denoised")
 
 
-def find(scene, name):
-    return next(instance for instance in scene if instance.name == name)
-
-
-def settle(renderer, camera, frames=30):
+def render_frames(renderer, camera, frames=30):
     """Render this many frames, and return the last one."""
     for _ in range(frames):
         frame = renderer.render(camera)
     return frame
 
 
-def measure_frames(device, scene, effort, samples, bar, tile_bar=None, size=(32, 32), **settings):
+def measure_frames(device, scene, effort, samples, bar, tile_bar=None, size=FRAME_SIZE, **settings):
     """Compares frames with the path tracer's picture of so many samples; tiles only with a bar for them."""
-    expected = trace(device, scene, samples, size, max_bounces=64)
+    expected = path_traced(device, scene, samples, size, max_bounces=64)
     with make_renderer(device, scene, size, **settings) as renderer:
-        found = run_pictures(renderer, scene.camera, effort, lambda frame: np.asarray(frame["radiance"], np.float64))
+        found = observe_runs(renderer, scene.camera, effort, lambda frame: np.asarray(frame["radiance"], np.float64))
     yield measure_mean(WHOLE, found, expected, bar, effort)
     if tile_bar is not None:
         yield measure_picture_tiles(TILES, found, expected, tile_bar, effort)
 
 
-def lights_of(frame):
+def light_outputs(frame):
     """The names of the frame's radiance and of all its parts."""
     return ["radiance", *(name for name in LIGHT if name in frame)]
 
 
 def snapshot(frame):
-    return {name: frame[name].copy() for name in (*lights_of(frame), *OTHER_OUTPUTS)}
+    return {name: frame[name].copy() for name in (*light_outputs(frame), *OTHER_OUTPUTS)}
 
 
-def differing(first, other):
+def differing_outputs(first, other):
     """Names of the outputs in which two frames differ."""
-    names = (*lights_of(first), *OTHER_OUTPUTS)
+    names = (*light_outputs(first), *OTHER_OUTPUTS)
     return [name for name in names if first[name].tobytes() != other[name].tobytes()]
 
 
-def left_of(before, now, picture):
+def share_of_earlier(before, now, picture):
     """How much of an earlier picture `before` a picture contains: 0 when it equals the reference `now`, 1 when it
     equals `before`, and in between by projection onto their difference."""
     difference = before - now
@@ -86,3 +267,245 @@ def frames_in_history(frame):
     """The number of frames in the denoiser's history of each pixel's diffuse lobe: the lower half of a word holds a
     positive float without its last bits."""
     return (np.asarray(frame["denoise_diffuse"])[..., 3] << 16 >> 1).view(np.float32)
+
+
+# ---- pictures of the path tracer ----
+
+
+@dataclass
+class Picture:
+    """A picture as R independent parts of its samples, (R, h, w, 3)."""
+
+    runs: Any
+
+    @property
+    def mean(self):
+        """The mean of the parts (h, w, 3), float64."""
+        return self.runs.mean(axis=0, dtype=np.float64)
+
+    @property
+    def variance(self):
+        """The variance of the mean (h, w, 3)."""
+        return self.runs.var(axis=0, ddof=1, dtype=np.float64) / len(self.runs)
+
+
+def path_traced_runs(device, scene, size=(48, 48), samples=64, *, runs=8, camera=None, **settings):
+    """Take a picture of `samples` per pixel in `runs` parts of different seeds; settings are those of PathTracer.
+
+    The variance comes from the spread of the parts, which are independent, as samples of one seed aren't.
+    """
+    parts = []
+    with PathTracer(device, scene, size, **settings) as renderer:
+        for run in range(runs):
+            renderer.seed = settings.get("seed", 0) + 1000 * run
+            image = renderer.render(camera or scene.camera, samples=max(samples // runs, 1))["radiance"]
+            assert (image.shape, image.dtype) == ((size[1], size[0], 3), np.float32)
+            assert np.isfinite(image).all()
+            parts.append(image.astype(np.float64))
+    return Picture(np.stack(parts))
+
+
+# ---- parts of the light ----
+
+
+# Passes and settings for frames that contain only direct light.
+DIRECT_ONLY = {"passes": DIRECT, **SPLIT_LIGHTING, "gi": False, "specular": False, "world_cache": False}
+QUICK = {**SPLIT_LIGHTING, "gbuffer": "traced", "jitter": False, "light_tile_count": 32, "light_tile_samples": 256}
+
+
+def direct_light(frame):
+    """The reflected direct light of a frame, (h, w, 3)."""
+    return add_up(frame, "di_diffuse", "di_specular")
+
+
+def direct_renderer(device, scene, size, **settings):
+    """A renderer with few light tiles whose samples lie at pixel centers."""
+    return make_renderer(device, scene, size, passes=DIRECT, **(QUICK | settings))
+
+
+_PATHS = (SUITE, "Paths")
+ONE = Rule("with one light sample a vertex and no cache, paths have the path tracer's mean", *_PATHS)
+ONE_TILES = Rule("with one light sample a vertex and no cache, no tile differs from the path tracer's", *_PATHS)
+SEVERAL = Rule("resampling among several light samples leaves the mean as it is", *_PATHS)
+SEVERAL_TILES = Rule("resampling among several light samples leaves each tile as it is", *_PATHS)
+CACHED = Rule("without regularization, paths that end in the world cache are as bright as the path tracer's", *_PATHS)
+CACHED_TILES = Rule("each of 4 x 4 tiles of paths that end in the world cache is close to the path tracer's", *_PATHS)
+
+SAME_SURFACES = {**PLAIN_PATHS, "gbuffer": "traced"}  # those of the path tracer; raster finds others at edges
+RESAMPLED = {**SAME_SURFACES, "paths_candidates": 8, "paths_later_candidates": 4}
+PATHS_DEFAULT = {"lighting": "paths", "jitter": False}
+PATHS_RUNS = {
+    "one": (ONE, ONE_TILES, SAME_SURFACES),
+    "several": (SEVERAL, SEVERAL_TILES, RESAMPLED),
+    "cached": (CACHED, CACHED_TILES, {**PATHS_DEFAULT, "paths_regularization": 0.0}),
+}
+
+
+def trace_centers(device, scene, samples, **settings):
+    """16 independent pictures (16, 32, 32, 3) of the path tracer, sampled at the centers of pixels."""
+    with path_tracer_at_centers():
+        return path_traced_runs(device, scene, FRAME_SIZE, samples, runs=16, max_bounces=64, **settings).runs
+
+
+def observe_paths(device, scene, effort, **settings):
+    """The radiance of independent runs (runs, 32, 32, 3)."""
+    with make_renderer(device, scene, FRAME_SIZE, passes=PATHS, **settings) as renderer:
+        return observe_runs(renderer, scene.camera, effort, read_radiance)
+
+
+def unlit_pixels(device, scene):
+    """Pixels (32, 32, 1) that show no light itself, since the G-buffer rounds emission; all, if there are none."""
+    dark = path_traced(device, scene, 64, FRAME_SIZE, max_bounces=0).max(axis=-1, keepdims=True) == 0
+    return dark | ~dark.any()
+
+
+class Profile(NamedTuple):
+    """The effort without and with the cache, and the bars of the mean without the cache, and with it."""
+
+    plain: Effort
+    cached: Effort
+    bars: tuple[float, float]
+
+
+PATHS_PROFILE = Profile(Effort(16, 0, 128, 8192), Effort(16, 24, 64), (0.01, 0.02))
+
+
+def measure_means(device, profile, scene=None, kinds=tuple(PATHS_RUNS)):
+    """Paths against the path tracer, for metals that show a lamp, a sun, gloss and mirrors, or for `scene`.
+
+    kinds: which of PATHS_RUNS are measured.
+    """
+    scene = scene or metal_gallery()
+    measured = unlit_pixels(device, scene)
+    expected = trace_centers(device, scene, profile.plain.samples) * measured
+    for kind in kinds:
+        mean, tiles, settings = PATHS_RUNS[kind]
+        effort = profile.cached if kind == "cached" else profile.plain
+        found = observe_paths(device, scene, effort, **settings) * measured
+        yield measure_mean(mean, found, expected, profile.bars[kind == "cached"], effort)
+        if kind == "cached":
+            # Over the mean of all tiles, since the cache is slightly biased.
+            ours, theirs = (tile_means_4x4(runs).mean(axis=(0, -1)) for runs in (found, expected))
+            errors = np.abs(ours - theirs) / theirs.mean()
+            note = f"tiles {np.round(100 * errors, 1).tolist()} %"
+            yield Measurement(tiles, float(errors.max()), 0.1, f"of the picture's mean, {effort}", note)
+        else:
+            yield measure_tiles_t(tiles, found, expected)
+
+
+@contextmanager
+def frames_of_known_light(device, scene, file, function, body, passes, **settings):
+    """A renderer in which a function of a shader, which gives a sample of light, has this body."""
+    given = Bug(file, function, body)
+    with seeded(given), make_renderer(device, scene, WALL_SIZE, passes=passes, **settings) as renderer:
+        yield renderer
+
+
+# ---- runs of shaders ----
+
+
+# brdf.comp of tests/proofs/brdf computes samples, values or albedos of materials for given directions.
+_NUMPY = {"float": ("<f4", ()), "vec2": ("<f4", 2), "vec3": ("<f4", 3), "uint": ("<u4", ())}
+MATERIAL_RECORD = np.dtype(
+    [(name, *_NUMPY[kind]) for name, kind in TYPES.items()]
+    + [("inside", "<u4"), ("coat_normal", "<f4", 3), ("anisotropy_direction", "<f4", 2)]
+)
+WITHOUT_LOBES = {
+    **dict.fromkeys(TEXTURES, NO_INDEX),
+    "ior": 1.5,
+    "specular": 1.0,
+    "coat_normal": (0.0, 0.0, 1.0),
+    "anisotropy_direction": (1.0, 0.0),
+}
+"""The fields of a record whose value is not 0 for a material without lobes that few materials have."""
+MODES = ("draw", "evaluate", "albedo", "sampled_albedo", "lobe_albedos")
+ALL_LOBES = dict.fromkeys(LOBES, True)
+"""The constants for materials with such lobes."""
+RESULT_COUNT = 4  # vectors that the shader writes for each row
+
+
+def material_records(base_color=1.0, reflectance=0.5, metallic=0.0, roughness=0.5, solid=False, **lobes):
+    """Records of the broadcast arguments; colors may be numbers or (..., 3). lobes: fields of MATERIAL_RECORD, of
+    all records."""
+    shape = np.broadcast_shapes(np.shape(metallic), np.shape(roughness), np.shape(base_color)[:-1], (1,))
+    records = np.zeros(shape, MATERIAL_RECORD)
+    given = {**WITHOUT_LOBES, **lobes, "flags": MATERIAL_SOLID * solid}
+    given |= {"metallic": metallic, "perceptual_roughness": roughness}
+    for name, value in (("base_color", base_color), ("reflectance", reflectance)):
+        given[name] = value if np.ndim(value) else np.full(3, value)
+    for name, value in given.items():
+        records[name] = value
+    return records.ravel()
+
+
+def direction_at(degrees, turn=0.4):
+    """A direction (3,) at this angle from the normal; `turn` is its azimuth in radians."""
+    angle = np.radians(degrees)
+    return np.array([np.sin(angle) * np.cos(turn), np.sin(angle) * np.sin(turn), np.cos(angle)], np.float32)
+
+
+def run_brdf(shaders, mode, count, records, wo, wi=(0.0, 0.0, 0.0), **constants):
+    """The rows (count, 4, 3) that brdf.comp writes; constants are its specialization constants."""
+    wo, wi = (np.atleast_2d(np.asarray(directions, np.float32)) for directions in (wo, wi))
+    given = {"test_materials": records, "outgoing": wo, "incoming": wi, **shaders.brdf_tables()}
+    constants = {"MODE": MODES.index(mode), **constants}
+    out = shaders.run("test/brdf", count, given, {"results": RESULT_COUNT * count}, constants=constants)
+    return out["results"].reshape(count, RESULT_COUNT, 3)
+
+
+def run_albedo(shaders, records, wo, **constants):
+    """Directional albedo (N, 3) of each material seen from the direction of the same row."""
+    count = max(len(records), len(np.atleast_2d(wo)))
+    return run_brdf(shaders, "albedo", count, records, wo, **constants)[:, 0]
+
+
+@contextmanager
+def bound_scene(device, scene):
+    """The binder of a scene, updated once, and destroyed when the device is done."""
+    binder = SceneBinder(device, scene)
+    try:
+        binder.update()
+        yield binder
+    finally:
+        device.wait_idle()
+        binder.destroy()
+
+
+# ---- memory, and calls that fail ----
+
+
+def resident_bytes() -> int:
+    """The memory of this process in bytes, 0 where there is no /proc.
+
+    Without what the C library keeps of freed memory, whose holes grow where a driver compiles in several threads.
+    """
+    trim = getattr(ctypes.CDLL(None), "malloc_trim", None)
+    if trim is not None:
+        trim(0)
+    if not os.path.exists("/proc/self/statm"):
+        return 0
+    with open("/proc/self/statm") as file:
+        return int(file.read().split()[1]) * resource.getpagesize()
+
+
+@contextmanager
+def leaves_nothing(device: Device) -> Iterator[None]:
+    """Fail if there are other objects on the device afterwards."""
+    device.wait_idle()
+    before = device.objects_in_use
+    yield
+    device.wait_idle()
+    assert device.objects_in_use == before
+
+
+def fail_after(patch, owner, name, calls):
+    """After `calls` calls which work, one call of an owner's function fails."""
+    function = getattr(owner, name)
+    made = itertools.count()
+
+    def call(*arguments, **options):
+        if next(made) == calls:
+            raise SolariError("out of memory")
+        return function(*arguments, **options)
+
+    patch.setattr(owner, name, call)

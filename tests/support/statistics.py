@@ -1,4 +1,4 @@
-"""Statistical tests of samplers, runs and pictures, with known error rates."""
+"""Measurements and what they require: statistical tests of samplers, runs and pictures, with known error rates."""
 
 from __future__ import annotations
 
@@ -10,14 +10,26 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import stats
 
+from solari_vk.lab.conformance.rules import Measurement, Rule
 from solari_vk.lab.measure.statistics import interval
+
+
+def require(measurements):
+    """Require that all measurements hold, and return them."""
+    found = list(measurements)
+    for measured in found:
+        print(measured)
+    assert found, "nothing was measured"
+    assert not [str(measured) for measured in found if not measured.holds]
+    return found
+
 
 Floats = NDArray[np.float64]
 ALPHA = 0.005  # family-wise level of the tiles of one picture
 NORMAL_95 = 1.96
 
 
-# ---- samplers and runs ------------------------------------------------------------------------------
+# ---- samplers and runs ----
 
 
 def chi_squared_p(observed: ArrayLike, expected: ArrayLike, min_expected: float = 5.0) -> float:
@@ -72,7 +84,7 @@ def holm(p_values, alpha):
     return rejected
 
 
-def replicates(observations, expected, bar):
+def compare_runs(observations, expected, bar):
     """The number of cells in which independent runs (R, ...) differ from the expected (...), and whether the mean is
     within the bar.
 
@@ -88,7 +100,7 @@ def replicates(observations, expected, bar):
     return int(holm(2 * stats.t.sf(np.abs(t), len(runs) - 1), ALPHA).sum()), abs(mean) + half_width <= bar
 
 
-# ---- pictures ---------------------------------------------------------------------------------------
+# ---- pictures ----
 
 
 def tile_means(images: ArrayLike, size: int) -> Floats:
@@ -104,7 +116,7 @@ def tile_means(images: ArrayLike, size: int) -> Floats:
     return means
 
 
-def sixteenths(images: ArrayLike) -> Floats:
+def tile_means_4x4(images: ArrayLike) -> Floats:
     """Means (..., 4, 4, channels) over the 4 x 4 parts of square pictures (..., side, side, channels)."""
     height, width, _ = np.shape(images)[-3:]
     assert height == width
@@ -170,3 +182,44 @@ def assert_equal(comparison, bar, what=""):
     the bar."""
     assert comparison.max_z <= comparison.z_bar, f"{what}: {comparison}"
     assert comparison.reach <= bar, f"{what}: {comparison}"
+
+
+# ---- measurements of frames and pictures ----
+
+
+def measure_mean(rule, observations, expected, bar, effort):
+    """The end of the 95 % interval of the mean's relative error that is farther from 0."""
+    error, half_width = relative_interval(observations, expected)
+    note = f"{error:+.2%} +- {half_width:.2%}"
+    return Measurement(rule, abs(error) + half_width, bar, f"relative error, {effort}", note)
+
+
+def measure_picture_tiles(rule, observations, expected, bar, effort):
+    """The largest relative error of 4 x 4 tiles of a square picture."""
+    found, right = (tile_means_4x4(image).mean(axis=-1) for image in (observations.mean(axis=0), expected))
+    errors = found / right - 1
+    note = f"tiles {np.round(100 * errors, 1).tolist()} %"
+    return Measurement(rule, float(np.abs(errors).max()), bar, f"relative error, {effort}", note)
+
+
+def measure_tiles_t(rule, observations, expected):
+    """The largest Student's t of 4 x 4 tiles and their channels between runs (R, h, w, 3) and `expected`: a picture, or
+    other runs. Chance exceeds the bar once in 1,000 runs at most."""
+    ours, theirs = tile_means_4x4(observations), tile_means_4x4(expected)
+    errors = [stats.sem(runs) for runs in (ours, theirs) if runs.ndim == 4]
+    right = theirs.mean(axis=0) if theirs.ndim == 4 else theirs
+    t = np.abs(ours.mean(axis=0) - right) / (np.linalg.norm(errors, axis=0) + 1e-5 * right + 1e-30)
+    worst = np.unravel_index(t.argmax(), t.shape)
+    note = f"row {worst[0]}, column {worst[1]}: {ours.mean(axis=0)[worst] / max(right[worst], 1e-30) - 1:+.2%}"
+    bar = float(stats.t.isf(0.5e-3 / t.size, len(ours) - 1))
+    return Measurement(rule, float(t.max()), bar, "standard errors", note)
+
+
+def compare_picture(name, source, made, expected, bar, variance=0.0, tile=8):
+    """Compare a picture with `expected` (h, w, 3): the mean within the bar, and each tile within statistical error."""
+    found = compare(made.mean, made.variance, expected, variance, tile)
+    mean, tiles = (Rule(f"{name}: {part}", *source) for part in ("mean", "tiles"))
+    return [
+        Measurement(mean, found.reach, bar, "relative error"),
+        Measurement(tiles, found.max_z, found.z_bar, "standard errors"),
+    ]

@@ -16,7 +16,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from support.full_disks import room_for
+from support.files import files_limited_to
 
 import solari_vk as sv
 from solari_vk.cli import main
@@ -140,7 +140,7 @@ def running(dask_worker):
 
 
 def save_on_full_disk(*given, **options):
-    with room_for(1000):
+    with files_limited_to(1000):
         save_image(*given, **options)
 
 
@@ -155,7 +155,7 @@ def test_a_full_disk(pool, tmp_path, shared):
     if shared:
         pool.client.run(fill_disk)
     try:
-        with room_for(4000), pytest.raises(sv.SolariError, match=r"[23]\.npy: can't be written"):
+        with files_limited_to(4000), pytest.raises(sv.SolariError, match=r"[23]\.npy: can't be written"):
             render_tasks(pool, scene, four, journal)
     finally:
         while any(pool.client.run(running).values()):

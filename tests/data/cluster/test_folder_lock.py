@@ -7,7 +7,7 @@ import subprocess
 import sys
 
 import pytest
-from support.full_disks import room_for
+from support.files import files_limited_to
 
 from solari_vk.base.errors import SolariError
 from solari_vk.data.datasets.journal import Journal
@@ -34,7 +34,7 @@ def held(tmp_path):
 
 def test_a_full_disk_is_one_error_and_leaves_no_lock(tmp_path):
     lock = tmp_path / "journal.jsonl.lock"
-    with room_for(0), pytest.raises(SolariError, match=rf"{lock}: can't be written: .*: make room there"):
+    with files_limited_to(0), pytest.raises(SolariError, match=rf"{lock}: can't be written: .*: make room there"):
         Journal(tmp_path / "journal.jsonl", {"scene": 1})
     assert not lock.exists()
     Journal(tmp_path / "journal.jsonl", {"scene": 1})

@@ -6,8 +6,8 @@ import math
 
 import numpy as np
 import pytest
+from oracles.rays import World
 from scipy import stats
-from support.rays import World
 from support.seeded_bugs import Bug, bug_tests
 
 import solari_vk as sv

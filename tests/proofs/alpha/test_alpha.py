@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 import pytest
-from support.realtime import GBUFFER, SPLIT, Effort, make_renderer, run_pictures, trace
+from support.frames import GBUFFER, SPLIT_LIGHTING, Effort, make_renderer, observe_runs, path_traced
 from support.seeded_bugs import Bug, bug_tests, seeded
 from support.statistics import relative_interval
 
@@ -97,7 +97,7 @@ def everything():
 
 def mean(device, scene, samples, camera=CAMERA, **settings):
     """The mean color (3,) of the path tracer's picture."""
-    return trace(device, scene, samples, SIZE, camera, **settings).mean(axis=(0, 1))
+    return path_traced(device, scene, samples, SIZE, camera, **settings).mean(axis=(0, 1))
 
 
 def check_panes(device):
@@ -123,7 +123,7 @@ def check_light_through_a_pane(device):
 def check_lamps(device):
     """Rays that meet a lamp, whose radiance is 1, count the panes before it and not those behind it."""
     for distance, expected in ((-1.0, 0.5), (-8.0, 1.0)):
-        picture = trace(device, lamp_in_a_mirror(pane(0.5, distance)), 256, SIZE, CAMERA, max_bounces=1)
+        picture = path_traced(device, lamp_in_a_mirror(pane(0.5, distance)), 256, SIZE, CAMERA, max_bounces=1)
         assert picture[12:20, 12:20, 0].mean() == pytest.approx(expected, rel=0.02)
 
 
@@ -135,7 +135,7 @@ def check_mask(device):
     covered = texture.image.pixels[::-1, :, 3] / 255 * factor >= cutoff  # the image's first row is below
     covered = covered.repeat(4, axis=0).repeat(4, axis=1)
     scene = before_a_lamp(sv.Instance(quad(2.0, 1.0), material))
-    seen = trace(device, scene, 1, SIZE, CAMERA, max_bounces=0)
+    seen = path_traced(device, scene, 1, SIZE, CAMERA, max_bounces=0)
     np.testing.assert_array_equal(seen[..., 0] == 1, covered)
     x, y = np.meshgrid((np.arange(32) + 0.5) / 16 - 1, 1 - (np.arange(32) + 0.5) / 16)
     with sv.RayTracer(device, scene) as rays:
@@ -145,7 +145,9 @@ def check_mask(device):
 
 def passes(device, seed):
     """Which pixels' rays pass a pane that covers half of what lies behind, less the mean."""
-    return (trace(device, before_a_lamp(pane(0.5)), 1, (64, 64), CAMERA, max_bounces=0, seed=seed)[..., 0] > 0) - 0.5
+    return (
+        path_traced(device, before_a_lamp(pane(0.5)), 1, (64, 64), CAMERA, max_bounces=0, seed=seed)[..., 0] > 0
+    ) - 0.5
 
 
 def check_random_numbers(device):
@@ -186,7 +188,7 @@ def check_even_frames(device):
     for alphas, over_time in (((0.6,), 0.5), ((0.3, 0.6), 0.8)):
         share = math.prod(1 - alpha for alpha in alphas)
         scene = before_a_lamp(*(pane(alpha, 2.0 + index) for index, alpha in enumerate(alphas)))
-        with make_renderer(device, scene, (64, 64), passes=SHOWN, **SPLIT) as renderer:
+        with make_renderer(device, scene, (64, 64), passes=SHOWN, **SPLIT_LIGHTING) as renderer:
             frames = np.array([renderer.render(CAMERA)["radiance"][..., 0] / 2 for _ in range(64)])
         noise = math.sqrt(share * (1 - share))
         blocks = frames.reshape(64, 16, 4, 16, 4).mean(axis=(2, 4))
@@ -204,7 +206,7 @@ def check_specks(device):
     thin = sv.Scene(sv.Instance(quad(5.0), sv.Material(base_color=0.0)), pane(0.06))
     thin.instances[1].material.update(emissive=2.0)
     for scene, share in ((before_a_lamp(pane(0.6)), 0.4), (thin, 0.06)):
-        with make_renderer(device, scene, SIZE, passes=SHOWN, antialiasing=True, **SPLIT) as renderer:
+        with make_renderer(device, scene, SIZE, passes=SHOWN, antialiasing=True, **SPLIT_LIGHTING) as renderer:
             for _ in range(64):
                 picture = renderer.render(CAMERA)["radiance"][..., 0]
         off = np.abs(picture / 2 - share).max() / math.sqrt(share * (1 - share) * 4 / 3 / 64)
@@ -215,7 +217,7 @@ def check_specks(device):
 def check_gone(device):
     """A thin pane that is moved away leaves nothing behind, though most pixels around showed none of it before."""
     scene = before_a_lamp(pane(0.2))
-    with make_renderer(device, scene, SIZE, passes=SHOWN, antialiasing=True, **SPLIT) as renderer:
+    with make_renderer(device, scene, SIZE, passes=SHOWN, antialiasing=True, **SPLIT_LIGHTING) as renderer:
         for _ in range(64):
             renderer.render(CAMERA)
         scene.instances[1].transform = place(at=(50, 0, 0))
@@ -236,15 +238,15 @@ def test_frames_count_rays_through_panes(device):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("lighting", [{}, {"restir": True}, SPLIT], ids=["paths", "reuse", "split"])
+@pytest.mark.parametrize("lighting", [{}, {"restir": True}, SPLIT_LIGHTING], ids=["paths", "reuse", "split"])
 @pytest.mark.parametrize("lit", ["by a triangle", "by a sphere"])
 def test_frames_have_the_path_tracers_mean(device, lighting, lit):
     scene = lamp_among_panes() if lit == "by a sphere" else below_a_pane(alpha=0.5)
     scene.instances[0].material.roughness = 1.0
-    right = trace(device, scene, 2048, (16, 16), FLOOR_CAMERA)
+    right = path_traced(device, scene, 2048, (16, 16), FLOOR_CAMERA)
     with make_renderer(device, scene, (16, 16), **lighting) as renderer:
         effort = Effort(runs=8, warm_up=24, observed=64)
-        runs = run_pictures(renderer, FLOOR_CAMERA, effort, lambda frame: frame["radiance"].mean(axis=(0, 1)))
+        runs = observe_runs(renderer, FLOOR_CAMERA, effort, lambda frame: frame["radiance"].mean(axis=(0, 1)))
     for channel, expected in enumerate(right.mean(axis=(0, 1))):
         error, half_width = relative_interval(runs[:, channel], expected)
         assert abs(error) < 0.01 + half_width, (channel, error, half_width)
@@ -286,7 +288,7 @@ def test_queries_and_pipelines_are_equal(frames):
     taken = []
     for way in ("query", "pipeline"):
         with sv.Device(validation=True, rays=way) as device:
-            taken.append([trace(device, everything(), 4, SIZE, CAMERA, seed=5)])
+            taken.append([path_traced(device, everything(), 4, SIZE, CAMERA, seed=5)])
             if frames:
                 with make_renderer(device, everything(), SIZE, seed=5) as renderer:
                     taken[-1] += [renderer.render(CAMERA)["radiance"].copy() for _ in range(frames)]
@@ -377,4 +379,4 @@ def test_a_hit_group_without_its_shader_is_noticed():
     opaque = "return vec4(correct(material, mesh, triangle, barycentrics).rgb, 1.0);"
     bug = Bug(ALPHA, "resolve_color_opacity(Material", opaque)
     with seeded(bug), sv.Device(validation=True, rays="pipeline") as device:
-        assert not trace(device, before_a_lamp(pane(0.5)), 4, SIZE, CAMERA, max_bounces=0).any()
+        assert not path_traced(device, before_a_lamp(pane(0.5)), 4, SIZE, CAMERA, max_bounces=0).any()

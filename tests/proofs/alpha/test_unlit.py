@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from support.realtime import OFF, make_renderer, trace
+from support.frames import LIGHT_OFF, make_renderer, path_traced
 from support.seeded_bugs import Bug, bug_tests
 from test_alpha import CAMERA, SHOWN, SIZE, quad
 
@@ -38,7 +38,7 @@ def card_over_a_floor(*lights):
 
 
 def traced(device, scene):
-    return trace(device, scene, 16, SIZE, CAMERA)
+    return path_traced(device, scene, 16, SIZE, CAMERA)
 
 
 def rendered(device, scene, **settings):
@@ -50,7 +50,7 @@ def rendered(device, scene, **settings):
 
 def shown(device, scene):
     """Surfaces and visible emission alone."""
-    return rendered(device, scene, passes=SHOWN, **OFF)
+    return rendered(device, scene, passes=SHOWN, **LIGHT_OFF)
 
 
 def denoised(device, scene):

@@ -7,10 +7,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from support import brdf_runs
-from support.brdf import Surface, alpha_of, directional_albedo_terms
-from support.older_solari import LOBES_ADDED
-from support.seeded_bugs import Bug, bug_tests, seeded, with_shaders
+from oracles.brdf import Surface, alpha_of, directional_albedo_terms
+from support.frames import direction_at, material_records, run_albedo, run_brdf
+from support.seeded_bugs import LOBES_ADDED, Bug, bug_tests, seeded, with_shaders
 from support.statistics import chi_squared_p
 
 from solari_vk.lab.conformance.shader_runner import ShaderRunner
@@ -37,9 +36,9 @@ FINE = 12  # quadrature points of a cell along each axis
 
 def furnace(shaders, metallic, **constants):
     """The albedo (roughness, angle) of a white surface."""
-    wo = np.tile([brdf_runs.direction(d) for d in DEGREES], (len(ROUGHNESS), 1))
+    wo = np.tile([direction_at(d) for d in DEGREES], (len(ROUGHNESS), 1))
     roughness = np.repeat(ROUGHNESS, len(DEGREES))
-    albedo = brdf_runs.albedo(shaders, brdf_runs.materials(metallic=metallic, roughness=roughness), wo, **constants)
+    albedo = run_albedo(shaders, material_records(metallic=metallic, roughness=roughness), wo, **constants)
     assert np.isfinite(albedo).all()
     assert np.ptp(albedo, axis=1).max() < 1e-6
     return albedo[:, 0].reshape(len(ROUGHNESS), len(DEGREES))
@@ -94,7 +93,7 @@ def expected_shares(shaders, material, wo, scale):
     d_slope = scale * np.pi / 2 / np.cos(q * np.pi / 2) ** 2 * width * weights[:, None] / 2
     wi, area = half_to_incoming(slope.ravel(), np.broadcast_to(turn, q.shape).ravel(), wo)
     wi[:, 2] = np.maximum(wi[:, 2], 1e-12)
-    pdf = brdf_runs.run(shaders, "evaluate", len(wi), material, wo, wi)[:, 2, 0]
+    pdf = run_brdf(shaders, "evaluate", len(wi), material, wo, wi)[:, 2, 0]
     shares = (pdf * area).reshape(q.shape) * d_slope * (2 * np.pi / len(turn))
     shares = shares.sum(axis=1).reshape(CELLS[0], CELLS[1], FINE).sum(axis=2)
     # The horizon may cut the corner of a cell between two turns. Samples there are rare, but possible.
@@ -127,8 +126,8 @@ def test_draws(shaders, case):
     """Samples are unit vectors above the surface that follow brdf_pdf, their weights are f cos / pdf, and mirrors
     reflect exactly."""
     (roughness, metallic, degrees), count = CASES[case], 1_000_000
-    material, wo = brdf_runs.materials(0.8, 0.5, metallic, roughness), brdf_runs.direction(degrees)
-    rows = brdf_runs.run(shaders, "draw", count, material, wo)
+    material, wo = material_records(0.8, 0.5, metallic, roughness), direction_at(degrees)
+    rows = run_brdf(shaders, "draw", count, material, wo)
     wi, weight, (pdf, drawn_pdf, probability), value = rows[:, 0], rows[:, 1], rows[:, 2].T, rows[:, 3]
     mirrored = np.isinf(drawn_pdf)
     valid = ~mirrored & (wi[:, 2] > 0)
@@ -164,7 +163,7 @@ def random_directions(rng, count, edge_share=0.2):
 def random_materials(rng, count):
     """Records of brdf_runs.MATERIAL, many of them at or near the limits of their fields."""
     edges = np.array([0, 1e-20, 1e-3, 0.03, 0.031622776, 0.0316228, 0.032, 0.5, 0.999999, 1], np.float32)
-    records = np.resize(brdf_runs.materials(), count)
+    records = np.resize(material_records(), count)
     for name in ("metallic", "perceptual_roughness"):
         records[name] = np.where(rng.random(count) < 0.5, rng.random(count), rng.choice(edges, count))
     for name in ("base_color", "reflectance"):
@@ -180,11 +179,11 @@ def test_numbers(shaders, count):
     wo, wi = random_directions(rng, count), random_directions(rng, count)
     below = rng.random(count) < 0.1
     wi[below] *= -1
-    rows = brdf_runs.run(shaders, "evaluate", count, records, wo, wi)
+    rows = run_brdf(shaders, "evaluate", count, records, wo, wi)
     assert np.isfinite(rows).all()
     assert (rows[:, 1:] >= 0).all()
     assert not rows[below][:, [1, 3]].any()
-    drawn = brdf_runs.run(shaders, "draw", count, records, wo)
+    drawn = run_brdf(shaders, "draw", count, records, wo)
     assert not np.isnan(drawn).any()
     assert ((drawn[:, 1] >= 0) & (drawn[:, 1] < 30)).all()
 
@@ -196,8 +195,8 @@ def test_reciprocity(shaders):
     wo, wi = random_directions(rng, count, 0), random_directions(rng, count, 0)
     records["perceptual_roughness"] = rng.uniform(0.1, 1, count)
     for lobe, bar in ((1, 1e-4), (3, 1e-3)):
-        there = brdf_runs.run(shaders, "evaluate", count, records, wo, wi)[:, lobe] / wi[:, 2:]
-        back = brdf_runs.run(shaders, "evaluate", count, records, wi, wo)[:, lobe] / wo[:, 2:]
+        there = run_brdf(shaders, "evaluate", count, records, wo, wi)[:, lobe] / wi[:, 2:]
+        back = run_brdf(shaders, "evaluate", count, records, wi, wo)[:, lobe] / wo[:, 2:]
         assert (np.abs(there - back) / (np.abs(back) + 1e-3)).max() < bar
         records["metallic"], records["reflectance"] = 0, 0
 
@@ -221,8 +220,8 @@ def test_values(shaders, base_color, metallic, roughness, reflectance, bar):
     wi /= np.linalg.norm(wi, axis=1, keepdims=True)
     inside = (wo[:, 2] > 0.05) & (wi[:, 2] > 0.05)
     wo, wi = wo[inside], wi[inside]
-    material = brdf_runs.materials(base_color, reflectance, metallic, roughness)
-    rows = brdf_runs.run(shaders, "evaluate", len(wo), material, wo, wi)
+    material = material_records(base_color, reflectance, metallic, roughness)
+    rows = run_brdf(shaders, "evaluate", len(wo), material, wo, wi)
     surface = Surface(base_color, metallic, roughness, reflectance, resolution=96)
     expected = surface.value(wo.astype(float), wi.astype(float)) * wi[:, 2:]
     np.testing.assert_allclose(rows[:, 1] + rows[:, 3], expected, rtol=bar)

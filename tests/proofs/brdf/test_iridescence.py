@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from support import brdf_runs
+from support.frames import ALL_LOBES, direction_at, material_records, run_brdf
 from support.seeded_bugs import Bug, bug_tests, with_shaders
 
 import solari_vk as sv
@@ -28,9 +28,9 @@ def directions(cosines):
 def run(shaders, mode, fields, wo, wi=(0.0, 0.0, 1.0)):
     """The rows of brdf.comp for a row of materials and one of directions each."""
     wo = np.atleast_2d(wo)
-    records = np.concatenate([brdf_runs.materials(**one) for one in fields]).repeat(len(wo))
+    records = np.concatenate([material_records(**one) for one in fields]).repeat(len(wo))
     wo = np.tile(wo, (len(fields), 1))
-    return brdf_runs.run(shaders, mode, len(records), records, wo, wi, **brdf_runs.ALL_LOBES)
+    return run_brdf(shaders, mode, len(records), records, wo, wi, **ALL_LOBES)
 
 
 def film(ior, thickness, weight=1.0, **fields):
@@ -143,7 +143,7 @@ GRID = [(1.3, 200), (1.3, 400), (1.8, 300), (2.2, 500)]
 
 def furnace(shaders, base):
     """The albedos (roughnesses, GRID, DEGREES, 3) of white films."""
-    wo = np.array([brdf_runs.direction(degrees) for degrees in DEGREES])
+    wo = np.array([direction_at(degrees) for degrees in DEGREES])
     fields = [film(*one, roughness=roughness, **base) for roughness in (0.0, 0.3, 0.6, 1.0) for one in GRID]
     return run(shaders, "sampled_albedo", fields, wo)[:, 0].reshape(4, len(GRID), len(DEGREES), 3)
 
@@ -175,7 +175,7 @@ def check_reciprocity(shaders):
 
 def check_samples(shaders):
     """The weight of a sample is f cos / pdf, also where films darken a lobe to nothing."""
-    wo = np.tile(brdf_runs.direction(50), (50_000, 1))
+    wo = np.tile(direction_at(50), (50_000, 1))
     for name, base in BASES.items():
         rows = run(shaders, "draw", [film(1.8, 300, roughness=0.4, **base)], wo).astype(np.float64)
         weight, (pdf, drawn_pdf, _), value = rows[:, 1], rows[:, 2].T, rows[:, 3]
@@ -187,7 +187,7 @@ def check_samples(shaders):
 
 def check_lobe_albedos(shaders):
     """What demodulation, the guides of denoisers and the world cache take for the albedo is that of the samples."""
-    wo = np.array([brdf_runs.direction(degrees) for degrees in DEGREES])
+    wo = np.array([direction_at(degrees) for degrees in DEGREES])
     for name in ("a white dielectric", "white metal", "half metal"):
         colored = BASES[name] | {"base_color": (0.9, 0.5, 0.2)}
         fields = [film(*one, roughness=roughness, **colored) for roughness in (0.0, 0.3, 0.6) for one in GRID]
@@ -200,12 +200,12 @@ def check_lobe_albedos(shaders):
 
 def check_absence(shaders):
     """A factor of 0 is a material without a film, bit by bit."""
-    wo = np.array([brdf_runs.direction(degrees) for degrees in np.linspace(0, 85, 500)])
+    wo = np.array([direction_at(degrees) for degrees in np.linspace(0, 85, 500)])
     for base in BASES.values():
-        records = brdf_runs.materials(**film(1.8, 300, 0.0, roughness=0.3, **base)).repeat(len(wo))
+        records = material_records(**film(1.8, 300, 0.0, roughness=0.3, **base)).repeat(len(wo))
         for mode in ("draw", "lobe_albedos"):
             one, other = (
-                brdf_runs.run(shaders, mode, len(wo), records, wo, **brdf_runs.ALL_LOBES | {"SCENE_IRIDESCENCE": on})
+                run_brdf(shaders, mode, len(wo), records, wo, **ALL_LOBES | {"SCENE_IRIDESCENCE": on})
                 for on in (True, False)
             )
             np.testing.assert_array_equal(one, other)

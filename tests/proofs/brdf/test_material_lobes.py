@@ -7,12 +7,9 @@ import itertools
 
 import numpy as np
 import pytest
-from support import brdf_runs
-from support.measured import hold
-from support.paths import Profile, measure_means
-from support.realtime import Effort
+from support.frames import ALL_LOBES, Effort, Profile, direction_at, material_records, measure_means, run_brdf
 from support.seeded_bugs import Bug, bug_tests, with_shaders
-from support.statistics import chi_squared_p, sidak
+from support.statistics import chi_squared_p, require, sidak
 
 import solari_vk as sv
 from solari_vk.scene import shapes
@@ -71,7 +68,7 @@ FINE = 12  # points of a cell along each axis
 
 
 def run(shaders, mode, count, record, wo, wi=None):
-    return brdf_runs.run(shaders, mode, count, record, wo, wi, **brdf_runs.ALL_LOBES)
+    return run_brdf(shaders, mode, count, record, wo, wi, **ALL_LOBES)
 
 
 # ---- energy -----------------------------------------------------------------------------------------
@@ -79,8 +76,8 @@ def run(shaders, mode, count, record, wo, wi=None):
 
 def sampled_albedos(shaders, turn, materials):
     """The albedos (materials, DEGREES, 3)."""
-    wo = np.tile([brdf_runs.direction(degrees, turn) for degrees in DEGREES], (len(materials), 1))
-    records = np.concatenate([brdf_runs.materials(**fields) for fields in materials]).repeat(len(DEGREES))
+    wo = np.tile([direction_at(degrees, turn) for degrees in DEGREES], (len(materials), 1))
+    records = np.concatenate([material_records(**fields) for fields in materials]).repeat(len(DEGREES))
     return run(shaders, "sampled_albedo", len(wo), records, wo)[:, 0].reshape(len(materials), len(DEGREES), 3)
 
 
@@ -139,11 +136,11 @@ def check_charlie(shaders):
     over = np.stack([np.sqrt(1 - cosine**2) * f(around) for f in (np.cos, np.sin)] + [cosine], axis=1)
     for roughness in (0.3, 0.5, 1.0):
         black = {"base_color": 0.0, "specular": 0.0, "sheen_color": 1.0, "sheen_roughness": roughness}
-        rows = run(shaders, "evaluate", len(wo), brdf_runs.materials(**black), wo, wi)
+        rows = run(shaders, "evaluate", len(wo), material_records(**black), wo, wi)
         expected = charlie(roughness**2, wo, wi)
         np.testing.assert_allclose(rows[:, 1, 0] + rows[:, 3, 0], expected, rtol=2e-3, atol=1e-5 * expected.max())
         for degrees, albedo in zip(DEGREES[:4], sampled_albedos(shaders, 0.4, [black])[0, :4], strict=True):
-            seen = np.broadcast_to(brdf_runs.direction(degrees).astype(np.float64), over.shape)
+            seen = np.broadcast_to(direction_at(degrees).astype(np.float64), over.shape)
             whole = 2 * np.pi * charlie(roughness**2, seen, over).mean()
             np.testing.assert_allclose(albedo, whole, rtol=0.02, err_msg=f"{roughness}, {degrees} degrees")
 
@@ -173,9 +170,9 @@ def expected_shares(shaders, material, wo):
 
 def check_draws(shaders, count, names=tuple(DRAWN)):
     """Samples of rough lobes follow brdf_pdf, and their weights are f cos / pdf."""
-    wo = brdf_runs.direction(50)
+    wo = direction_at(50)
     for name in names:
-        record = brdf_runs.materials(**{"base_color": 0.8, **DRAWN[name]})
+        record = material_records(**{"base_color": 0.8, **DRAWN[name]})
         rows = run(shaders, "draw", count, record, wo).astype(np.float64)
         wi, weight, (pdf, drawn_pdf, _), value = rows[:, 0], rows[:, 1], rows[:, 2].T, rows[:, 3]
         valid = (drawn_pdf > 0) & (wi[:, 2] != 0)
@@ -202,7 +199,7 @@ def check_reciprocity(shaders, count=100_000):
         return np.asarray(v / np.linalg.norm(v, axis=1, keepdims=True), np.float32)
 
     def values(wo, wi, **fields):
-        rows = run(shaders, "evaluate", len(wo), brdf_runs.materials(**fields), wo, wi)
+        rows = run(shaders, "evaluate", len(wo), material_records(**fields), wo, wi)
         return (rows[:, 1] + rows[:, 3])[:, 0] / np.abs(wi[:, 2])
 
     def require_equal(there, back, bar, what):
@@ -213,7 +210,7 @@ def check_reciprocity(shaders, count=100_000):
     # So smooth that multiple scattering, which isn't reciprocal, stays below the bar.
     solid = {"roughness": 0.15, "ior": 1.5, "solid": True, **WHITE_GLASS}
     wo = directions()
-    wi = run(shaders, "draw", count, brdf_runs.materials(**solid), wo)[:, 0]
+    wi = run(shaders, "draw", count, material_records(**solid), wo)[:, 0]
     refracted = (wi[:, 2] < -0.2) & (wo[:, 2] > 0.5)
     wo, wi = wo[refracted], wi[refracted]
     there, back = values(wo, wi, **solid), values(wi * flip, wo * flip, **solid, inside=1)
@@ -272,7 +269,7 @@ def leaves():
 @pytest.mark.slow
 def test_frames_have_the_path_tracers_mean(device):
     profile = Profile(Effort(16, 0, 64, 8192), Effort(16, 24, 64), (0.01, 0.02))
-    hold(measure_means(device, profile, leaves()))
+    require(measure_means(device, profile, leaves()))
 
 
 GLASS, COAT, SHEEN, TRANSMISSION = (

@@ -7,8 +7,7 @@ import math
 
 import numpy as np
 import pytest
-from support.realtime import make_renderer, trace
-from support.replication import replicate
+from support.frames import make_renderer, path_traced, replicate
 from support.seeded_bugs import Bug, bug_tests
 
 import solari_vk as sv
@@ -82,7 +81,7 @@ def test_error_is_small(case, device):
         return true_relative_mse(np.asarray(frame["radiance"], np.float64), *references)
 
     samples = 256 if make is pane else 512
-    references = [trace(device, scene, samples, SIZE, cameras[-1], seed=seed) for seed in (1, 2)]
+    references = [path_traced(device, scene, samples, SIZE, cameras[-1], seed=seed) for seed in (1, 2)]
     with make_renderer(device, scene, SIZE, denoise=True, antialiasing=True) as renderer:
         errors = replicate(renderer, seeds, observe)
     print(case, np.round(errors, 4), errors.mean())

@@ -7,11 +7,17 @@ import functools
 import numpy as np
 import pytest
 from scipy.ndimage import uniform_filter
-from support.frames import find, frames_in_history, path_tracer_at_centers, settle
-from support.realtime import JITTER_PERIOD, make_renderer, trace
-from support.replication import replicate
+from support.frames import (
+    JITTER_PERIOD,
+    frames_in_history,
+    make_renderer,
+    path_traced,
+    path_tracer_at_centers,
+    render_frames,
+    replicate,
+)
 from support.seeded_bugs import Bug, bug_tests
-from support.statistics import sixteenths
+from support.statistics import tile_means_4x4
 
 import solari_vk as sv
 from solari_vk.output.animation import orbit
@@ -47,7 +53,7 @@ def references_of(device, name):
     """Two pictures of a built-in scene by the path tracer, at the centers of pixels."""
     samples = 128 if name == "cornell_box" else 512
     with path_tracer_at_centers():
-        return [trace(device, builtin(name), samples, SIZE_OF_BARS, seed=seed) for seed in (98, 99)]
+        return [path_traced(device, builtin(name), samples, SIZE_OF_BARS, seed=seed) for seed in (98, 99)]
 
 
 @pytest.mark.parametrize("name", BARS)
@@ -76,8 +82,10 @@ def test_the_estimated_error_is_calibrated(device, name, samples):
     that of 5 x 5 pixels of their difference: samples of a sequence have less error than their variance says."""
     scene = builtin(name)
     with path_tracer_at_centers():
-        one, two = (trace(device, scene, samples // 2, SIZE_OF_ERRORS, seed=seed) @ LUMINANCE for seed in (98, 99))
-        emitted = trace(device, scene, 1, SIZE_OF_ERRORS, max_bounces=0) @ LUMINANCE
+        one, two = (
+            path_traced(device, scene, samples // 2, SIZE_OF_ERRORS, seed=seed) @ LUMINANCE for seed in (98, 99)
+        )
+        emitted = path_traced(device, scene, 1, SIZE_OF_ERRORS, max_bounces=0) @ LUMINANCE
     truth, variance = (one + two) / 2, uniform_filter((one - two) ** 2 / 4, 5)
 
     def shares(frame):
@@ -87,7 +95,9 @@ def test_the_estimated_error_is_calibrated(device, name, samples):
         return (off <= 1).mean(), (off <= 2).mean()
 
     with make(device, scene, SIZE_OF_ERRORS, jitter=False) as renderer:
-        found = replicate(renderer, 4, lambda: [shares(settle(renderer, scene.camera, more)) for more in (8, 24, 96)])
+        found = replicate(
+            renderer, 4, lambda: [shares(render_frames(renderer, scene.camera, more)) for more in (8, 24, 96)]
+        )
     print(name, np.round(found.mean(axis=0), 3))
     for within in found.mean(axis=0):
         assert within == pytest.approx((0.68, 0.95), abs=0.1)
@@ -103,7 +113,7 @@ def means_of_lobes(device, scene, size, runs=1):
             renderer.seed = seed
             for renderer.settings.denoise, sums in zip((True, False), means, strict=True):
                 renderer.reset()
-                settle(renderer, scene.camera, 48)
+                render_frames(renderer, scene.camera, 48)
                 for _ in range(JITTER_PERIOD):
                     frame = renderer.render()
                     sums += [read(frame, name) for name in LOBES]
@@ -123,7 +133,7 @@ def test_means_are_those_of_the_raw_frames(device, name, runs):
     caustics the standard error is 3.6 % after one run, 1.3 % after eight."""
     found, raw = means_of_lobes(device, builtin(name), (64, 64), runs)
     lobes = np.abs(found.sum(axis=(1, 2, 3)) / raw.sum(axis=(1, 2, 3)) - 1).max()
-    ours, theirs = (sixteenths(picture.sum(axis=0)).mean(axis=-1) for picture in (found, raw))
+    ours, theirs = (tile_means_4x4(picture.sum(axis=0)).mean(axis=-1) for picture in (found, raw))
     tiles = np.abs(ours / theirs - 1).max()
     print(f"{name}: mean {found.sum() / raw.sum() - 1:.4f}, lobes {lobes:.4f}, tiles {tiles:.4f}")
     assert found.sum() == pytest.approx(raw.sum(), rel=0.02)
@@ -151,7 +161,7 @@ def test_the_switch_is_live(device):
     begins anew."""
     scene = cornell_box()
     with make(device, scene) as renderer:
-        assert settle(renderer, scene.camera, 12)["error"].shape == SIZE[::-1]
+        assert render_frames(renderer, scene.camera, 12)["error"].shape == SIZE[::-1]
         renderer.settings.denoise = False
         frame = renderer.render()
         assert frame["radiance"].tobytes() == frame["raw_radiance"].tobytes()
@@ -181,7 +191,7 @@ def test_reflections_in_balls_follow_the_camera(device):
     unfiltered = (guides.reshape(*size, 2)[..., 0] >> 30 == 0) & (depth.reshape(size) > 0)
     assert unfiltered.sum() > 10
     assert np.array_equal(shown[unfiltered], raw[unfiltered])
-    assert relative_mse(shown.astype(np.float64), trace(device, scene, 256, size, camera, seed=99)) < 0.2
+    assert relative_mse(shown.astype(np.float64), path_traced(device, scene, 256, size, camera, seed=99)) < 0.2
 
 
 @pytest.mark.parametrize("reflects", [0.0, 0.8])
@@ -203,7 +213,7 @@ def test_exposure_changes_nothing(device):
         for scene.camera.ev100 in (0.0, -40.0, 40.0):
             renderer.reset()
             renderer.frame_count = 0  # which seeds the random numbers
-            frame = settle(renderer, scene.camera, 4)
+            frame = render_frames(renderer, scene.camera, 4)
             pictures.append([frame[name].tobytes() for name in LOBES])
     assert pictures[0] == pictures[1] == pictures[2]
 
@@ -211,12 +221,12 @@ def test_exposure_changes_nothing(device):
 def test_bright_lights(device):
     """A lamp of 1e12 cd/m^2 gives the same picture, so many times brighter."""
     scene, found, factor = cornell_box(), [], 2.0**36
-    lamp = find(scene, "lamp").material
+    lamp = scene.instances["lamp"].material
     with make(device, scene) as renderer:
         for scale in (1.0, factor):
             lamp.emissive = scale * np.asarray(lamp.emissive)
             renderer.reset()
-            found.append(read(settle(renderer, scene.camera, 6), "diffuse_radiance"))
+            found.append(read(render_frames(renderer, scene.camera, 6), "diffuse_radiance"))
     assert np.isfinite(found[1]).all()
     assert found[1].mean() / factor == pytest.approx(found[0].mean(), rel=0.02)
 
@@ -225,7 +235,7 @@ def test_small_pictures(device):
     scene = cornell_box()
     with make(device, scene, (1, 1)) as renderer:
         for size in ((5, 7), (9, 2), (1, 1)):
-            assert np.isfinite(read(settle(renderer, scene.camera, 6))).all()
+            assert np.isfinite(read(render_frames(renderer, scene.camera, 6))).all()
             renderer.resize(size)
 
 

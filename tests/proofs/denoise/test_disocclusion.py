@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from support.frames import find, frames_in_history, path_tracer_at_centers
-from support.realtime import make_renderer, trace
-from support.replication import replicate
+from support.frames import frames_in_history, make_renderer, path_traced, path_tracer_at_centers, replicate
 from support.seeded_bugs import Bug, bug_tests
 
 import solari_vk as sv
@@ -30,7 +28,7 @@ def strafe(scene, step):
 
 def slide(scene, step):
     """Moves the short block of a Cornell box to the left, by about 2 pixels."""
-    find(scene, "short block").transform = place(at=(0.04 * (step - FRAMES / 2), 0.15, 0.0))
+    scene.instances["short block"].transform = place(at=(0.04 * (step - FRAMES / 2), 0.15, 0.0))
     return scene.camera
 
 
@@ -49,7 +47,7 @@ def watch(device, name, move):
         found = replicate(renderer, SEEDS, observe)
     pictures, lengths = found[:, 0], found[:, 1, ..., 0]
     with path_tracer_at_centers():
-        truth = trace(device, scene, 256, SIZE, move(scene, FRAMES - 1), seed=99)
+        truth = path_traced(device, scene, 256, SIZE, move(scene, FRAMES - 1), seed=99)
     squares = (pictures - truth) ** 2 / (truth**2 + 1e-2 * truth.mean() ** 2)
     return squares.mean(axis=-1), lengths, np.array(shown[-4:])
 

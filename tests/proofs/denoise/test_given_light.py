@@ -6,8 +6,8 @@ from contextlib import contextmanager
 
 import numpy as np
 import pytest
-from support.frames import frames_in_history
-from support.given_light import DISTANCE, PIXEL, SIZE, moved, rendering, wall
+from support.frames import frames_in_history, frames_of_known_light
+from support.scenes import WALL_DISTANCE, WALL_PIXEL, WALL_SIZE, camera_moved_by, white_wall
 from support.seeded_bugs import Bug, bug_tests
 
 import solari_vk as sv
@@ -27,7 +27,7 @@ def denoising(device, scene, light, lobe="diffuse", **settings):
     pixel = "ivec2 pixel = ivec2(index % camera.size.x, index / camera.size.x);" if lobe == "diffuse" else ""
     body, settings = GIVEN.format(pixel=pixel, light=light), {"denoise": True, "jitter": False, **settings}
     source = "passes/denoise/noisy_input.glsl"
-    with rendering(device, scene, source, f"noisy_{lobe}", body, PASSES, **settings) as renderer:
+    with frames_of_known_light(device, scene, source, f"noisy_{lobe}", body, PASSES, **settings) as renderer:
         yield renderer
 
 
@@ -44,7 +44,7 @@ def last_of(renderer, frames):
 
 def after(device, frames, light, scene=None):
     """Light (h, w) after some frames over the picture of a light of 1: what the surfaces reflect of it."""
-    scene, pictures = scene or wall(), []
+    scene, pictures = scene or white_wall(), []
     for count, given in ((frames, light), (1, "1.0")):
         with denoising(device, scene, given) as renderer:
             pictures.append(light_of(last_of(renderer, count)))
@@ -53,18 +53,18 @@ def after(device, frames, light, scene=None):
 
 def shining(device, light, frames):
     """The specular light of a smooth metal wall after some frames, in which the camera moves by 2 pixels each."""
-    scene = wall()
+    scene = white_wall()
     scene.instances[0].material = sv.Material(base_color=1.0, metallic=1.0, perceptual_roughness=0.3)
     with denoising(device, scene, light, "specular") as renderer:
         for number in range(frames):
-            frame = renderer.render(moved(2.0 * number))
+            frame = renderer.render(camera_moved_by(2.0 * number))
         return np.asarray(frame["specular_radiance"], np.float64)[3:-3, 16:-16, 1]
 
 
 def check_even_light(device):
     """Noise around an even light becomes that light, on average and pixel by pixel, and the estimated error is 0.8 to
     2.5 times its deviation."""
-    scene = wall()
+    scene = white_wall()
     with denoising(device, scene, "1.0") as renderer:
         scale = light_of(renderer.render())
     with denoising(device, scene, "noise") as renderer:
@@ -113,9 +113,9 @@ def move(device, step):
     """The lengths of histories and the light after twelve frames in which the camera moves parallel to a wall, by
     `step` pixels to the right in each. A wave of 8 pixels stays where it is on the wall."""
     place = f"float(pixel.x) + {step} * float(this_frame.index)"
-    with denoising(device, wall(), f"1.0 + 0.5 * sin({2 * np.pi / 8} * ({place}))") as renderer:
+    with denoising(device, white_wall(), f"1.0 + 0.5 * sin({2 * np.pi / 8} * ({place}))") as renderer:
         for number in range(12):
-            frame = renderer.render(moved(step * number))
+            frame = renderer.render(camera_moved_by(step * number))
         return np.round(frames_in_history(frame)), light_of(frame)
 
 
@@ -124,14 +124,14 @@ def check_motion(device):
     takes that of the wall beside it."""
     for step in (3.0, 2.5):
         lengths, _ = move(device, step)
-        assert (lengths[:, : SIZE[0] - int(11 * step) - 3] == 12).all(), step
-        assert (lengths[:, SIZE[0] - int(step) + 1 :] == 1).all(), step
+        assert (lengths[:, : WALL_SIZE[0] - int(11 * step) - 3] == 12).all(), step
+        assert (lengths[:, WALL_SIZE[0] - int(step) + 1 :] == 1).all(), step
 
 
 def check_sharp(device):
     """Motion by parts of a pixel keeps patterns of light: in the middle of the picture, where histories are long."""
     columns = np.arange(8, 48)
-    with denoising(device, wall(), "1.0") as renderer:
+    with denoising(device, white_wall(), "1.0") as renderer:
         scale = light_of(renderer.render()).mean()
     for step in (2.5, 0.4):
         wave = np.sin(2 * np.pi / 8 * (columns + 11 * step))
@@ -165,7 +165,7 @@ def check_not_finite(device):
 def check_edges(device):
     """The blur doesn't cross edges: noise around 1 on the left half of the picture, around 3 on the right one, which
     shows another surface, farther away or behind a corner of 90 degrees."""
-    near, far, side = DISTANCE, 1.5 * DISTANCE, 5 * DISTANCE
+    near, far, side = WALL_DISTANCE, 1.5 * WALL_DISTANCE, 5 * WALL_DISTANCE
     facing = [
         np.array([[x, -side, -z], [x + side, -side, -z], [x + side, side, -z], [x, side, -z]])
         for x, z in ((-side, near), (0.0, far))
@@ -181,9 +181,9 @@ def check_edges(device):
         )
         for x in (-side, 0.0)
     ]
-    middle = SIZE[0] // 2
+    middle = WALL_SIZE[0] // 2
     for quads in (facing, corner):
-        found = after(device, 8, f"(pixel.x < {middle} ? 1.0 : 3.0) * noise", wall(*quads)).mean(axis=0)
+        found = after(device, 8, f"(pixel.x < {middle} ? 1.0 : 3.0) * noise", white_wall(*quads)).mean(axis=0)
         leaks = (found[middle - 1] - 1) / 2, (3 - found[middle]) / 2
         print(leaks)
         assert np.abs(leaks).max() < 0.05
@@ -192,15 +192,15 @@ def check_edges(device):
 def check_turns(device):
     """Of two surfaces that a pixel shows by turns, both keep their histories, and forget a light that goes out. An edge
     is in the middle of a column of pixels: samples to its left show a near wall, those to its right a far one."""
-    side, column = 5 * DISTANCE, SIZE[0] // 2
+    side, column = 5 * WALL_DISTANCE, WALL_SIZE[0] // 2
     walls = [
         np.array([[x - side, -side, z], [x, -side, z], [x, side, z], [x - side, side, z]])
-        for x, z in ((PIXEL / 2, -DISTANCE), (side, -1.5 * DISTANCE))
+        for x, z in ((WALL_PIXEL / 2, -WALL_DISTANCE), (side, -1.5 * WALL_DISTANCE))
     ]
-    with denoising(device, wall(*walls), "noise", jitter=True) as renderer:
+    with denoising(device, white_wall(*walls), "noise", jitter=True) as renderer:
         lengths = frames_in_history(last_of(renderer, 34))[:, column]
     assert np.abs(lengths - 17).max() < 2, "17 frames showed it"
-    with denoising(device, wall(*walls), "(this_frame.index < 32u ? 1.0 : 0.1) * noise", jitter=True) as renderer:
+    with denoising(device, white_wall(*walls), "(this_frame.index < 32u ? 1.0 : 0.1) * noise", jitter=True) as renderer:
         columns = light_of(last_of(renderer, 34)).mean(axis=0)
     assert abs(columns[column] / columns[column - 8] - 1) / 9 < 0.05
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from support.realtime import make_renderer, trace
+from support.frames import make_renderer, path_traced
 
 import solari_vk as sv
 from solari_vk.output.compare import relative_mse
@@ -46,7 +46,7 @@ def errors_of(device, step):
                     moving.transform = pose
                 picture = renderer.render(CAMERA)["radiance"]
             pictures.append(picture[12:36, 12:36])
-    truth = trace(device, scene, 256, SIZE, CAMERA, seed=9)[12:36, 12:36]
+    truth = path_traced(device, scene, 256, SIZE, CAMERA, seed=9)[12:36, 12:36]
     return [relative_mse(picture, truth) for picture in pictures]
 
 

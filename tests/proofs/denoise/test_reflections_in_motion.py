@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from support.realtime import make_renderer, trace
+from support.frames import make_renderer, path_traced
 from support.seeded_bugs import Bug, bug_tests
 
 import solari_vk as sv
@@ -61,7 +61,7 @@ def test_reflections_follow(device, metallic, roughness, make):
             camera = sv.Camera(transform=place(at=(index * step, 0, 2)), vertical_fov=0.6)
             frame = renderer.render(camera)
         picture, raw = (np.asarray(frame[name], np.float64)[..., :3] for name in ("radiance", "raw_radiance"))
-    truth = trace(device, scene, 512, SIZE, camera, seed=9)
+    truth = path_traced(device, scene, 512, SIZE, camera, seed=9)
     flat = np.full((*raw.shape[:2], 3), (0.0, 0.0, 1.0))
     denoised = oidn.denoise(raw, np.full_like(flat, 0.5), flat)
     errors = [relative_mse(found[16:48], truth[16:48]) for found in (picture, denoised)]

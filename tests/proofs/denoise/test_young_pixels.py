@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from support.frames import settle
-from support.realtime import make_renderer
+from support.frames import make_renderer, render_frames
 from support.seeded_bugs import Bug, bug_tests
 
 import solari_vk as sv
@@ -60,7 +59,7 @@ def test_settled_pixels_take_one_path(device):
     for samples in (1, PATHS):
         settings = ALONE | {"paths_short_history_samples": samples}
         with make_renderer(device, builtin("cornell_box"), SIZE, **settings) as renderer:
-            pictures.append([settle(renderer, None, frames)["raw_radiance"].copy() for frames in (3, 6)])
+            pictures.append([render_frames(renderer, None, frames)["raw_radiance"].copy() for frames in (3, 6)])
     young, settled = ((one == several).all(axis=-1).mean() for one, several in zip(*pictures, strict=True))
     assert settled > 0.9
     assert young < 0.5

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from support.oracles.encodings import decode_srgb, encode_srgb
-from support.realtime import GBUFFER, OFF, make_renderer
+from oracles.encodings import decode_srgb, encode_srgb
+from support.frames import GBUFFER, LIGHT_OFF, make_renderer
 from support.seeded_bugs import Bug, bug_tests
 
 import solari_vk as sv
@@ -35,7 +35,7 @@ def test_picture(device):
     frame's own radiance in sRGB, after a curve: Reinhard et al. 2002, equation 3; Narkowicz 2015 (ACES); Wrensch 2023
     (AgX)."""
     scene, radiance = patches()
-    with make_renderer(device, scene, (COLUMNS, ROWS), passes=SHOWN, **OFF) as renderer:
+    with make_renderer(device, scene, (COLUMNS, ROWS), passes=SHOWN, **LIGHT_OFF) as renderer:
         for ev100, tonemap in ((3.0, "none"), (9.0, "none"), *((EV100, curve) for curve in tone_mapping.CURVES)):
             scene.camera.ev100, renderer.tonemap = ev100, tonemap
             frame = renderer.render(scene.camera)

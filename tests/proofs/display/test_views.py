@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from support.oracles.encodings import encode_srgb
-from support.realtime import add_up, make_renderer
+from oracles.encodings import encode_srgb
+from support.frames import add_up, make_renderer
 from support.seeded_bugs import Bug, bug_tests
 
 import solari_vk as sv

@@ -8,8 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from support.frames import each_lighting, find, snapshot
-from support.realtime import make_renderer
+from support.frames import each_lighting, make_renderer, snapshot
 from support.seeded_bugs import Bug, expect_noticed, seeded
 
 import solari_vk as sv
@@ -102,7 +101,7 @@ def test_frames_stay_equal_after_edits_resizes_and_reloads(devices):
         scene = sv.builtin("cornell_box")
         with make_renderer(devices[way], scene, SIZE, seed=5, gbuffer="raster") as renderer:
             found = {"first": frames_of(renderer, scene.camera, 2)}
-            box = find(scene, "tall block")
+            box = scene.instances["tall block"]
             box.transform = box.transform @ place(0.8, (0.1, 0.2, 0))
             scene.materials["white"].base_color = (0.2, 0.7, 0.3)
             scene.add(sv.Instance(mesh=sv.shapes.sphere(0.2), material=sv.Material(emissive=(4, 2, 1))))

@@ -4,10 +4,20 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from support.frames import SIZE, denoised_first, differing, each_lighting, find, left_of, settle, snapshot
-from support.realtime import add_up, make_renderer, trace_reflected
-from support.replication import replicate
-from support.statistics import sixteenths
+from support.frames import (
+    FRAME_SIZE,
+    add_up,
+    denoised_first,
+    differing_outputs,
+    each_lighting,
+    make_renderer,
+    path_traced_reflected,
+    render_frames,
+    replicate,
+    share_of_earlier,
+    snapshot,
+)
+from support.statistics import tile_means_4x4
 
 import solari_vk as sv
 from solari_vk.bound.binder import SceneBinder
@@ -29,12 +39,12 @@ def mean_of_next(renderer, camera, count):
 
 def swing_lamp(scene, step):
     """Move the lamp of a Cornell box along the ceiling."""
-    find(scene, "lamp").transform = place(at=(-0.6 + 0.08 * step, -0.05, 0.0))
+    scene.instances["lamp"].transform = place(at=(-0.6 + 0.08 * step, -0.05, 0.0))
 
 
 def slide_block(scene, step):
     """Move the short block sideways in front of the tall one."""
-    find(scene, "short block").transform = place(at=(0.06 * step, 0.15, 0.0))
+    scene.instances["short block"].transform = place(at=(0.06 * step, 0.15, 0.0))
 
 
 def leaves_no_trail(device, move, size, runs, bars, **settings):
@@ -49,12 +59,12 @@ def leaves_no_trail(device, move, size, runs, bars, **settings):
 
     def observe():
         move(scene, 0)
-        settle(renderer, scene.camera, 16)
+        render_frames(renderer, scene.camera, 16)
         for step in range(1, STEPS + 1):
             move(scene, step)
             frame = renderer.render(scene.camera)
         in_motion = add_up(frame)
-        settle(renderer, scene.camera, STOPPED)
+        render_frames(renderer, scene.camera, STOPPED)
         return in_motion, mean_of_next(renderer, scene.camera, 4)
 
     with make_renderer(device, scene, size, **settings) as renderer:
@@ -62,7 +72,7 @@ def leaves_no_trail(device, move, size, runs, bars, **settings):
     references = {}
     for name, step in (("now", STEPS), ("eight frames ago", STEPS - STOPPED), ("the start", 0)):
         move(scene, step)
-        references[name] = trace_reflected(device, scene, 256, size)
+        references[name] = path_traced_reflected(device, scene, 256, size)
     now = references.pop("now")
     seen = now > 0
     for when, picture, bar in zip(("in motion", "after it"), found, bars, strict=True):
@@ -70,7 +80,7 @@ def leaves_no_trail(device, move, size, runs, bars, **settings):
         assert abs(error) < 0.03, f"mean {when}: {error:+.3f}"
         for name, earlier in references.items():
             mask = seen & (earlier > 0)
-            left = left_of(earlier[mask], now[mask], picture[mask])
+            left = share_of_earlier(earlier[mask], now[mask], picture[mask])
             print(f"{when}, mean {error:+.3f}, of {name} {left:.3f}")
             assert left < bar, f"{name} {when}: {left:.3f}"
             assert when == "in motion" or left > -bar, f"{name} {when}: {left:.3f}"
@@ -86,7 +96,7 @@ LITTLE_BUT_BLUR = 0.3, 0.16
 @pytest.mark.parametrize("move", [swing_lamp, slide_block])
 def test_what_moves_leaves_no_trail(device, move, lighting):
     bars = LITTLE_BUT_BLUR if "denoise" in lighting else LITTLE
-    leaves_no_trail(device, move, SIZE, SEEDS_OF_TRAILS, bars, **lighting)
+    leaves_no_trail(device, move, FRAME_SIZE, SEEDS_OF_TRAILS, bars, **lighting)
 
 
 @pytest.mark.slow
@@ -104,13 +114,13 @@ def test_a_reset_and_a_resize_leave_nothing(device, lighting):
     by bit: nothing of earlier frames is left, neither in pixels nor in the world cache."""
     scene = cornell_box()
     with make_renderer(device, scene, **lighting) as renderer:
-        settle(renderer, scene.camera, 12)
-        for size in (None, (20, 12), SIZE):
+        render_frames(renderer, scene.camera, 12)
+        for size in (None, (20, 12), FRAME_SIZE):
             renderer.resize(size) if size else renderer.reset()
-            with make_renderer(device, scene, size or SIZE, **lighting) as new:
+            with make_renderer(device, scene, size or FRAME_SIZE, **lighting) as new:
                 new.frame_count = renderer.frame_count  # the frame count seeds the random numbers
                 for frame in range(4):
-                    assert not differing(renderer.render(ELSEWHERE), new.render(ELSEWHERE)), (size, frame)
+                    assert not differing_outputs(renderer.render(ELSEWHERE), new.render(ELSEWHERE)), (size, frame)
 
 
 @denoised_first
@@ -119,16 +129,16 @@ def test_a_jump_without_reset_recovers(device, lighting):
     scene = cornell_box()
 
     def observe():
-        before = add_up(settle(renderer, scene.camera, 16))
-        settle(renderer, ELSEWHERE, 28)
+        before = add_up(render_frames(renderer, scene.camera, 16))
+        render_frames(renderer, ELSEWHERE, 28)
         return before, mean_of_next(renderer, ELSEWHERE, 4)
 
     with make_renderer(device, scene, **lighting) as renderer:
         before, jumped = replicate(renderer, SEEDS, observe).mean(axis=0)
-    expected = trace_reflected(device, scene, 256, camera=ELSEWHERE)
+    expected = path_traced_reflected(device, scene, 256, camera=ELSEWHERE)
     mask = expected > 0
-    left = left_of(before[mask], expected[mask], jumped[mask])
-    error = np.abs(sixteenths(jumped) / sixteenths(expected) - 1).max()
+    left = share_of_earlier(before[mask], expected[mask], jumped[mask])
+    error = np.abs(tile_means_4x4(jumped) / tile_means_4x4(expected) - 1).max()
     print(f"left {left:.3f}, worst tile {error:.3f}")
     assert abs(left) < 0.02
     assert error < 0.25
@@ -149,17 +159,17 @@ def edit(scene, extra, step):
     if step % 3 == 0:
         scene.add(extra[step // 3 % 3])
     if step % 5 == 1:
-        block = find(scene, "short block")
+        block = scene.instances["short block"]
         scene.remove(block)
         scene.add(block)
     if step % 7 == 3:
-        light = find(scene, "lamp")
+        light = scene.instances["lamp"]
         scene.remove(light)
         scene.add(light)
     if step % 3 == 2 and step < 9:
         scene.remove(extra[step // 3 % 3])
-    find(scene, "tall block").transform = place(at=(0.02 * (step % 6), 0, 0))
-    find(scene, "left wall").material.base_color = (0.6, 0.02 * step % 1, 0.1)
+    scene.instances["tall block"].transform = place(at=(0.02 * (step % 6), 0, 0))
+    scene.instances["left wall"].material.base_color = (0.6, 0.02 * step % 1, 0.1)
 
 
 @pytest.mark.slow
@@ -175,12 +185,12 @@ def test_after_many_edits_the_picture_is_right(device, lighting):
         for step in range(16):
             edit(scene, extra, step)
             assert np.isfinite(renderer.render(scene.camera)["radiance"]).all()
-        settle(renderer, scene.camera, 16)
+        render_frames(renderer, scene.camera, 16)
         return mean_of_next(renderer, scene.camera, 6)
 
     with make_renderer(device, scene, **lighting) as renderer:
         found = replicate(renderer, SEEDS, observe).mean(axis=0)
-    expected = trace_reflected(device, scene, 512)
+    expected = path_traced_reflected(device, scene, 512)
     mask = expected > 0
     assert abs(found[mask].mean() / expected[mask].mean() - 1) < 0.03
 
@@ -189,7 +199,7 @@ def test_after_many_edits_the_picture_is_right(device, lighting):
 def test_renderers_that_share_a_scene_do_not_disturb_each_other(device, lighting):
     """Two renderers of different sizes and cameras share a binder, and the scene is edited between frames: each frame
     equals, bit by bit, the frame of a renderer that has the scene to itself."""
-    sizes, views = (SIZE, (24, 16)), (cornell_box().camera, ELSEWHERE)
+    sizes, views = (FRAME_SIZE, (24, 16)), (cornell_box().camera, ELSEWHERE)
 
     def scene_and_lamps():
         return cornell_box(), [small_lamp(index) for index in range(3)]
@@ -208,7 +218,7 @@ def test_renderers_that_share_a_scene_do_not_disturb_each_other(device, lighting
     for step in range(6):
         edit(scene, extra, step)
         for renderer, camera, expected in zip(renderers, views, alone, strict=True):
-            assert not differing(renderer.render(camera), expected[step]), step
+            assert not differing_outputs(renderer.render(camera), expected[step]), step
     for renderer in renderers:
         renderer.close()
     binder.destroy()
@@ -222,11 +232,11 @@ def test_an_empty_scene_that_is_filled_and_emptied(device, lighting):
     ball = sv.Instance(mesh=shapes.sphere(0.5, 12), material=matte(0.5))
     glow = sv.Instance(mesh=shapes.sphere(0.2, 8), material=lamp(5.0), transform=place(at=(0.8, 0.5, 0.5)))
     with make_renderer(device, scene, **lighting) as renderer:
-        assert not settle(renderer, camera, 3)["radiance"].any()
+        assert not render_frames(renderer, camera, 3)["radiance"].any()
         scene.add(ball)
-        assert not settle(renderer, camera, 3)["radiance"].any(), "a ball without a light isn't black"
+        assert not render_frames(renderer, camera, 3)["radiance"].any(), "a ball without a light isn't black"
         scene.add(glow)
-        assert add_up(settle(renderer, camera, 6)).mean() > 0.002
+        assert add_up(render_frames(renderer, camera, 6)).mean() > 0.002
         scene.remove(ball)
         scene.remove(glow)
         assert not renderer.render(camera)["radiance"].any(), "the empty scene isn't black"

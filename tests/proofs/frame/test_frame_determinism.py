@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import pytest
-from support.frames import denoised_first, differing, snapshot
-from support.realtime import make_renderer
+from support.frames import denoised_first, differing_outputs, make_renderer, snapshot
 
 import solari_vk as sv
 
@@ -32,7 +31,9 @@ def test_one_seed_gives_the_same_bits(device, name, lighting, monkeypatch):
     for barriers in ("", "all"):
         monkeypatch.setenv("SOLARI_VK_BARRIERS", barriers)
         for index, (frame, other) in enumerate(zip(first, take(device, name, lighting), strict=True)):
-            assert not differing(frame, other), f"frame {index}, barriers {barriers!r}: {differing(frame, other)}"
+            assert not differing_outputs(frame, other), (
+                f"frame {index}, barriers {barriers!r}: {differing_outputs(frame, other)}"
+            )
 
 
 def test_another_seed_gives_other_noise(device):

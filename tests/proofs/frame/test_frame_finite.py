@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from support.frames import lights_of
-from support.random_scenes import random_items, random_settings
-from support.realtime import make_renderer
+from support.frames import light_outputs, make_renderer
+from support.scenes import random_items
 from support.seeded_bugs import Bug, bug_tests, seeded
 
 import solari_vk as sv
+from solari_vk.settings import DEFAULTS, FIELDS
 
 OTHERS = ("gbuffer_depth", "motion_vectors", "guides_normal_roughness", "guides_diffuse_albedo",
           "guides_specular_albedo", "guides_depth", "guides_motion", "guides_specular_motion")  # fmt: skip
@@ -17,8 +17,41 @@ FEW = {"light_tile_count": 4, "light_tile_samples": 64, "world_cache_cells": 1 <
 QUICK_COUNT, COUNT = 24, 1000
 
 
+# Upper limits of settings that cost time.
+MAX_VALUES = {
+    "di_candidates": 64,
+    "world_cache_candidates": 64,
+    "world_cache_search_steps": 16,
+    "specular_bounces": 12,
+    "paths_bounces": 12,
+    "paths_candidates": 64,
+    "paths_later_candidates": 64,
+}
+
+
+def random_settings(random, settings):
+    """Set each live setting to its default or to a random value of its whole range."""
+    for name, field in FIELDS.items():
+        if field.rebuilds:
+            continue
+        value = default = DEFAULTS[name]
+        if random.random() < 0.35:
+            if field.choices:
+                value = str(random.choice(field.choices))
+            elif isinstance(default, bool):
+                value = not default
+            else:
+                high = min(field.high, MAX_VALUES.get(name, 1e6))
+                low = max(field.low, 1e-6)
+                value = float(np.clip(np.exp(random.uniform(np.log(low), np.log(high))), low, high))
+                if isinstance(default, int):
+                    value = round(value)
+        if getattr(settings, name) != value:
+            setattr(settings, name, value)
+
+
 def check(renderer, frame, what):
-    lights = lights_of(frame)
+    lights = light_outputs(frame)
     for name in (*lights, *OTHERS):
         values = np.asarray(frame[name], np.float64)
         if name.startswith("paths_"):

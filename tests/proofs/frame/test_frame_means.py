@@ -6,21 +6,22 @@ import math
 
 import numpy as np
 import pytest
-from support.frames import TILES, WHOLE, denoised_first, measure_frames, settle
-from support.measured import hold
-from support.realtime import (
+from support.frames import (
     JITTER_PERIOD,
-    SPLIT,
+    SPLIT_LIGHTING,
+    TILES,
+    WHOLE,
     Effort,
     add_up,
+    denoised_first,
     make_renderer,
-    measure_mean,
-    measure_picture_tiles,
-    run_pictures,
-    trace_reflected,
+    measure_frames,
+    observe_runs,
+    path_traced_reflected,
+    render_frames,
 )
 from support.seeded_bugs import Bug, bug_tests
-from support.statistics import sixteenths
+from support.statistics import measure_mean, measure_picture_tiles, require, tile_means_4x4
 
 import solari_vk as sv
 from solari_vk.scene import shapes
@@ -54,10 +55,10 @@ def measure_closed_box(device, walls, effort, **settings):
 def measure_light(device, effort, bar=0.02, tile_bar=0.05, **settings):
     """The Cornell box's light in pixels without a visible lamp."""
     scene = cornell_box()
-    expected = trace_reflected(device, scene, effort.samples)
+    expected = path_traced_reflected(device, scene, effort.samples)
     shown = (expected > 0).any(axis=-1, keepdims=True)
     with make_renderer(device, scene, **settings) as renderer:
-        found = run_pictures(renderer, scene.camera, effort, add_up) * shown
+        found = observe_runs(renderer, scene.camera, effort, add_up) * shown
     yield measure_mean(WHOLE, found, expected, bar, effort)
     yield measure_picture_tiles(TILES, found, expected, tile_bar, effort)
 
@@ -66,7 +67,7 @@ def check_lights_off(device, name="cornell_box", **settings):
     """Ten frames after all lamps were switched off little light is left, and after twenty almost none."""
     scene = sv.builtin(name)
     with make_renderer(device, scene, **settings) as renderer:
-        settle(renderer, scene.camera, 20)
+        render_frames(renderer, scene.camera, 20)
         lit = np.mean([add_up(renderer.render(scene.camera)).mean() for _ in range(4)])
         for instance in scene:
             instance.material.emissive = 0.0
@@ -77,9 +78,9 @@ def check_lights_off(device, name="cornell_box", **settings):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("settings", [{}, SPLIT], ids=["paths", "split"])
+@pytest.mark.parametrize("settings", [{}, SPLIT_LIGHTING], ids=["paths", "split"])
 def test_light_of_a_cornell_box(device, settings):
-    hold(measure_light(device, Effort(12, samples=2048), **settings))
+    require(measure_light(device, Effort(12, samples=2048), **settings))
 
 
 @denoised_first
@@ -90,18 +91,18 @@ def test_lights_off(device, name, lighting):
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("settings", "effort"), [({}, Effort(16, 24, JITTER_PERIOD, 512)), (SPLIT, BRIEF)], ids=["paths", "split"]
+    ("settings", "effort"), [({}, Effort(16, 24, JITTER_PERIOD, 512)), (SPLIT_LIGHTING, BRIEF)], ids=["paths", "split"]
 )
 @pytest.mark.parametrize("walls", ["matte", "mirror"])
 def test_energy_is_kept_in_a_closed_box(device, walls, settings, effort):
-    hold(measure_closed_box(device, walls, effort, **settings))
+    require(measure_closed_box(device, walls, effort, **settings))
 
 
 @pytest.mark.slow  # these walls, close to lights, have noise with heavy tails
 @denoised_first
 @pytest.mark.parametrize("walls", ["plastic", "rough metal", "glossy metal"])
 def test_energy_is_kept_in_a_closed_glossy_box(device, walls, lighting):
-    hold(measure_closed_box(device, walls, Effort(16, 24, 24, 256), **lighting))
+    require(measure_closed_box(device, walls, Effort(16, 24, 24, 256), **lighting))
 
 
 def ball_in_white(perceptual_roughness, metallic):
@@ -139,8 +140,8 @@ def test_white_furnace(device, ball, lighting):
     observed *= 4 if lighting.get("restir") or "lighting" in lighting else 1  # reuse makes frames correlated
     scene, effort = ball_in_white(roughness, metallic), Effort(runs, 24, observed)
     with make_renderer(device, scene, world_cache_cell_size=4.0, **lighting) as renderer:
-        found = run_pictures(renderer, scene.camera, effort, of_ball)
-    hold([measure_mean(WHOLE, found, 1.0, bar, effort)])
+        found = observe_runs(renderer, scene.camera, effort, of_ball)
+    require([measure_mean(WHOLE, found, 1.0, bar, effort)])
 
 
 @pytest.mark.slow  # takes over a minute of processor time: tens of thousands of cells and three million paths
@@ -150,7 +151,7 @@ def test_glossy_scenes(device, name, lighting):
     """The denoiser gets a larger picture: it blurs the light of what is few pixels wide."""
     size, runs = ((96, 96), 4) if lighting.get("denoise") else ((32, 32), 16)
     scene, effort = sv.builtin(name), Effort(runs, 24, 12)
-    hold(measure_frames(device, scene, effort, 512, 0.05, 0.12, size, **lighting))
+    require(measure_frames(device, scene, effort, 512, 0.05, 0.12, size, **lighting))
 
 
 @pytest.mark.slow
@@ -158,7 +159,7 @@ def test_glossy_scenes(device, name, lighting):
 def test_an_overfull_cache_shows_no_patches(device, lighting):
     """With more cells than the map holds, no tile loses its light, and no light is added."""
     scene, size = cornell_box(), (64, 64)
-    expected = trace_reflected(device, scene, 256, size)
+    expected = path_traced_reflected(device, scene, 256, size)
     cells = sv.Settings().world_cache_cells
     with make_renderer(
         device,
@@ -176,8 +177,8 @@ def test_an_overfull_cache_shows_no_patches(device, lighting):
         assert renderer["world_cache/insert_failures"] > 1000
         picture = np.mean([add_up(renderer.render(scene.camera)) for _ in range(4)], axis=0)
     picture[(expected == 0).all(axis=-1)] = 0
-    there = sixteenths(expected).mean(axis=-1) > 0
-    ratio = sixteenths(picture).mean(axis=-1)[there] / sixteenths(expected).mean(axis=-1)[there]
+    there = tile_means_4x4(expected).mean(axis=-1) > 0
+    ratio = tile_means_4x4(picture).mean(axis=-1)[there] / tile_means_4x4(expected).mean(axis=-1)[there]
     assert np.isfinite(picture).all()
     assert ratio.min() > 0.8, "a patch of the picture lost its light"
     assert 0.9 < picture.mean() / expected.mean() < 1.05
@@ -200,7 +201,7 @@ def brief(device):
 
 @pytest.mark.slow
 def test_brief_check_holds(device):
-    hold(brief(device))
+    require(brief(device))
 
 
 test_a_seeded_bug_is_noticed = bug_tests(

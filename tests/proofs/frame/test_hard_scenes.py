@@ -7,11 +7,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from support.assets import asset
-from support.frames import TILES, WHOLE, settle
-from support.measured import hold
-from support.realtime import Effort, make_renderer, measure_mean, measure_picture_tiles, run_pictures, trace
-from support.replication import replicate
+from support.files import asset
+from support.frames import TILES, WHOLE, Effort, make_renderer, observe_runs, path_traced, render_frames, replicate
+from support.statistics import measure_mean, measure_picture_tiles, require
 
 import solari_vk as sv
 from solari_vk.lab.conformance.rules import SUITE, Measurement, Rule
@@ -43,20 +41,20 @@ def test_a_lamp_under_the_ceiling_of_a_huge_room(device, lighting, scale):
         instance.transform = np.diag((scale, scale, scale, 1.0)) @ instance.transform
     scene.add(sv.Camera.framing(scene.bounds, (0, 0, -1)))
     effort = Effort(16, 24, 64)
-    expected = trace(device, scene, 4096, SIZE, seed=9)
+    expected = path_traced(device, scene, 4096, SIZE, seed=9)
 
     with make_renderer(device, scene, SIZE, **lighting) as renderer:
 
         def means_of_16():
-            settle(renderer, scene.camera, effort.warm_up)
+            render_frames(renderer, scene.camera, effort.warm_up)
             return [np.mean([radiance(renderer.render(scene.camera)) for _ in range(16)], axis=0) for _ in range(4)]
 
         blocks = replicate(renderer, effort.runs, means_of_16)
     lamp_radiance = expected.max()
-    dark = trace(device, scene, 256, SIZE, max_bounces=0) == 0
+    dark = path_traced(device, scene, 256, SIZE, max_bounces=0) == 0
     blocks, expected = blocks * dark, expected * dark
     found, outlier = blocks.mean(axis=1), float(blocks.max() / lamp_radiance)
-    hold(
+    require(
         [
             measure_mean(WHOLE, found, expected, 0.02, effort),
             measure_picture_tiles(TILES, found, expected, 0.1, effort),
@@ -68,10 +66,10 @@ def test_a_lamp_under_the_ceiling_of_a_huge_room(device, lighting, scale):
 @pytest.mark.parametrize("gap", [0.01, 0.1])
 def test_a_lamp_close_to_the_ceiling(device, lighting, gap):
     scene, size, effort = sv.builtin("lamp_gap", gap=gap), (24, 24), Effort(12, 24, 16)
-    expected = trace(device, scene, 2048, size, seed=9)
+    expected = path_traced(device, scene, 2048, size, seed=9)
     with make_renderer(device, scene, size, **lighting) as renderer:
-        found = run_pictures(renderer, scene.camera, effort, radiance)
-    hold([measure_mean(WHOLE, found, expected, 0.02, effort)])
+        found = observe_runs(renderer, scene.camera, effort, radiance)
+    require([measure_mean(WHOLE, found, expected, 0.02, effort)])
 
 
 # ---- shiny floors -----------------------------------------------------------------------------------
@@ -81,10 +79,10 @@ def test_the_sun_on_a_shiny_floor(device, lighting):
     """The frame is as bright as the path tracer's, and so is the indirect light of all balls, and less exactly that of
     the ball over each roughness: what remains of their light without the path tracer's direct light."""
     scene, effort = sv.builtin("shiny_floor"), Effort(16, 24, 96)
-    expected = trace(device, scene, 4096, SIZE, seed=9)
-    direct = trace(device, scene, 1024, SIZE, max_bounces=1, seed=9)
+    expected = path_traced(device, scene, 4096, SIZE, seed=9)
+    direct = path_traced(device, scene, 1024, SIZE, max_bounces=1, seed=9)
     with make_renderer(device, scene, SIZE, **lighting) as renderer:
-        found = run_pictures(renderer, scene.camera, effort, radiance)
+        found = observe_runs(renderer, scene.camera, effort, radiance)
         frame = renderer.render(scene.camera)
         balls = [frame.mask(f"ball {i}") for i in range(3)]
 
@@ -92,7 +90,7 @@ def test_the_sun_on_a_shiny_floor(device, lighting):
         assert (expected - direct)[mask].mean() > 0.1 * direct[mask].mean(), "there is little indirect light"
         return measure_mean(BALLS, (found - direct)[:, mask], (expected - direct)[mask], bar, effort)
 
-    hold(
+    require(
         [
             measure_mean(WHOLE, found, expected, 0.03, effort),
             measure_indirect(np.any(balls, axis=0), 0.05),

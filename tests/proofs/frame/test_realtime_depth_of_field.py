@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from proofs.path_tracer.test_depth_of_field import APERTURE, CAMERAS, DISTANCE, FOV, SIZE, check_disk, spread_of
-from support.realtime import GBUFFER, PATHS, make_renderer, trace
+from support.frames import GBUFFER, PATHS, make_renderer, path_traced
 from support.seeded_bugs import Bug, bug_tests
 
 import solari_vk as sv
@@ -147,7 +147,7 @@ def test_denoised_frames_converge_as_sharp_ones_do(device, fields):
     for aperture in (0.0, 0.25):
         scene = balls()
         scene.camera.update(**{"aperture": aperture, **fields})
-        truth = trace(device, scene, 1024, SIZE)
+        truth = path_traced(device, scene, 1024, SIZE)
         with sv.Renderer(device, scene, SIZE) as renderer:
             frames = [np.asarray(renderer.render()["radiance"], np.float64) for _ in range(64)]
         errors[aperture] = relative_error(frames[31], truth)

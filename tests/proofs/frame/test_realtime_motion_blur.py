@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from proofs.frame.test_realtime_depth_of_field import relative_error
 from proofs.path_tracer.test_motion_blur import PIXEL, SIZE, WRONG, edge_scene, move, ramp
-from support.characters import bent, tube
+from support.scenes import bent_joints, tube
 from support.seeded_bugs import Bug, bug_tests
 
 import solari_vk as sv
@@ -77,7 +77,7 @@ def moving_box():
     scene = sv.builtin("cornell_box")
     ball = scene.add(sv.Instance(shapes.sphere(0.25, 24), matte((0.2, 0.6, 0.3))))
     mesh, rest = tube(joints=3)
-    skin = scene.add(sv.Instance(mesh, matte((0.7, 0.4, 0.2)), joint_matrices=bent(rest, 0.0)))
+    skin = scene.add(sv.Instance(mesh, matte((0.7, 0.4, 0.2)), joint_matrices=bent_joints(rest, 0.0)))
     skin.transform = place(0.35, (1.6, 0.05, 0.4))
     light = scene.add(shapes.sphere(0.12, 16), lamp(40.0))  # above the picture
     block, exposure = scene.instances["short block"], scene.camera.ev100
@@ -87,7 +87,7 @@ def moving_box():
     def pose(seconds):
         ball.position = (0.4 + 0.5 * seconds, 1.2, 0.4)
         block.transform = start @ place(1.0, turn=0.3 * seconds)
-        skin.joint_matrices = bent(rest, 0.5 * seconds)
+        skin.joint_matrices = bent_joints(rest, 0.5 * seconds)
         light.position = (0.4 + 0.6 * seconds, 2.3, -0.3)
         return between(*cameras, seconds)
 

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from support.frames import find
-from support.realtime import make_renderer, trace
+from support.frames import make_renderer, path_traced
 
 import solari_vk as sv
 from solari_vk.bound.constants import NO_INDEX
@@ -51,7 +50,7 @@ def scene_of_everything():
 
 def results(renderer, scene):
     """The outputs of the last of nine frames, after the lamp has changed and the wall has moved."""
-    lamp, wall = find(scene, "lamp"), find(scene, "wall")
+    lamp, wall = scene.instances["lamp"], scene.instances["wall"]
     emissive, transform = lamp.material.emissive, wall.transform
     renderer.reset()
     renderer.frame_count = 0  # the same random numbers each time
@@ -128,7 +127,7 @@ def test_separate_passes_are_denoised(device, settings, darkest, error):
     The preset loses light by its layering, its bounds of Jacobians and its one visibility test (docs/accuracy.md).
     """
     scene = cornell_box()
-    truth = trace(device, scene, 1024, (64, 64))
+    truth = path_traced(device, scene, 1024, (64, 64))
     with sv.Renderer(device, scene, (64, 64), sv.Settings(**settings)) as renderer:
         for _ in range(16):
             frame = renderer.render()

@@ -11,9 +11,10 @@ from unittest import mock
 import numpy as np
 import pytest
 from gbuffer_worlds import material_zoo
-from support.assets import asset
-from support.oracles import closed_forms, gbuffer
-from support.realtime import GBUFFER, PartialRenderer, get_jitter, make_renderer
+from oracles.cameras import camera_rays
+from oracles.encodings import decode_gbuffer
+from support.files import asset
+from support.frames import GBUFFER, PartialRenderer, get_jitter, make_renderer
 from support.seeded_bugs import Bug, bug_tests
 from test_raster_and_rays import SIZE, check_raster
 
@@ -33,7 +34,7 @@ def renderer_of(device, scene, size=SIZE, **settings):
 def take(device, scene, camera=None, size=SIZE, **settings):
     """The decoded values of the G-buffer of one frame, and its jitter."""
     with renderer_of(device, scene, size, **settings) as renderer:
-        return gbuffer.decode(renderer.render(camera or scene.camera)) | {"jitter": get_jitter(renderer)}
+        return decode_gbuffer(renderer.render(camera or scene.camera)) | {"jitter": get_jitter(renderer)}
 
 
 # ---- surfaces ---------------------------------------------------------------------------------------
@@ -76,7 +77,7 @@ def test_values_are_the_scenes(device, way):
     camera = sv.Camera(vertical_fov=1.0, ev100=2.5, near=0.03)
     found = take(device, scene, camera, gbuffer=way)
     assert found["jitter"].any()
-    _, directions = closed_forms.camera_rays(camera, *SIZE, 0.5 + found["jitter"])
+    _, directions = camera_rays(camera, *SIZE, 0.5 + found["jitter"])
     distance = normal @ (0, 0, -3) / (directions @ normal) * -directions[..., 2]
     np.testing.assert_allclose(found["depth"], 0.03 / distance, rtol=2e-6)
     np.testing.assert_allclose(found["color"] - material.base_color, 0, atol=1e-4)
@@ -129,7 +130,7 @@ def test_rows_of_new_instances_have_no_history(device):
     with renderer_of(device, scene, jitter=False) as renderer:
 
         def render():
-            found = gbuffer.decode(renderer.render(camera))
+            found = decode_gbuffer(renderer.render(camera))
             assert (found["motion"] == 0).all()
             return found["instance"]
 

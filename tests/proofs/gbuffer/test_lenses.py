@@ -6,8 +6,8 @@ import math
 
 import numpy as np
 import pytest
-from support.oracles import gbuffer
-from support.realtime import GBUFFER, make_renderer, trace
+from oracles.encodings import decode_gbuffer
+from support.frames import GBUFFER, make_renderer, path_traced
 from support.seeded_bugs import Bug, bug_tests
 
 import solari_vk as sv
@@ -51,7 +51,7 @@ def test_pixels_show_what_their_rays_meet(device, name):
     camera = scene.camera
     with make_renderer(device, scene, SIZE, passes=GBUFFER, jitter=False) as renderer:
         frame = renderer.render()
-        found, position, depth, ids = gbuffer.decode(frame), frame["position"], frame["depth"], frame["instance_id"]
+        found, position, depth, ids = decode_gbuffer(frame), frame["position"], frame["depth"], frame["instance_id"]
     seen = np.isfinite(depth)
     np.testing.assert_array_equal(seen, np.isfinite(camera.rays(PIXELS, SIZE)[1]).all(axis=-1))
     assert np.abs(camera.project(position[seen], SIZE) - PIXELS[seen]).max() < 0.01
@@ -98,8 +98,8 @@ def test_a_fisheye_shows_what_a_panorama_shows(device):
     image circle the picture is black."""
     scene, fisheye = room(), LENSES["circle"]()
     wide = (192, 96)
-    panorama = trace(device, scene, 192, wide)
-    picture = trace(device, scene, 192, SIZE, fisheye)
+    panorama = path_traced(device, scene, 192, wide)
+    picture = path_traced(device, scene, 192, SIZE, fisheye)
     steps = (np.arange(4) - 1.5) / 4
     at = PIXELS[:, :, None, None] + np.stack(np.meshgrid(steps, steps), -1)
     _, directions = fisheye.rays(at, SIZE)
@@ -129,7 +129,7 @@ def test_raster_draws_no_lenses(device):
 @pytest.mark.parametrize("name", ["brown_conrady", "circle", "equirectangular"])
 def test_denoised_frames_have_the_path_tracers_light(device, name):
     scene = room(name)
-    truth = trace(device, scene, 256, SIZE)
+    truth = path_traced(device, scene, 256, SIZE)
     with sv.Renderer(device, scene, SIZE) as renderer:
         frames = [np.asarray(renderer.render()["radiance"]) for _ in range(24)]
         assert renderer.gbuffer == "traced"

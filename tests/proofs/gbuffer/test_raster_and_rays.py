@@ -12,8 +12,9 @@ from contextlib import ExitStack
 import numpy as np
 import pytest
 from gbuffer_worlds import WALLS, material_zoo, turned, turned_rigidly, walled
-from support.oracles import closed_forms, gbuffer
-from support.realtime import GBUFFER, GUIDES, get_jitter, make_renderer, trace
+from oracles.cameras import camera_rays, project, world_positions
+from oracles.encodings import GBUFFER_IMAGES, decode_gbuffer
+from support.frames import GBUFFER, GUIDES, get_jitter, make_renderer, path_traced
 from support.seeded_bugs import Bug, bug_tests
 
 import solari_vk as sv
@@ -62,7 +63,7 @@ def check_raster(device, scene):
     found = []
     for way in ("raster", "traced"):
         with make_renderer(device, scene, SIZE, passes=GBUFFER, gbuffer=way) as renderer:
-            found.append(gbuffer.decode(renderer.render(scene.camera)))
+            found.append(decode_gbuffer(renderer.render(scene.camera)))
     raster, traced = found
     differs = np.abs(raster["depth"] - traced["depth"]) > 3e-5 * traced["depth"]
     for name, tolerance in TOLERANCES.items():
@@ -99,8 +100,8 @@ def check_motion(device, way="raster", orthographic_height=0.0):
                 vertical_fov=camera.vertical_fov * zoom,
                 orthographic_height=camera.orthographic_height * zoom,
             )
-            found = gbuffer.decode(renderer.render(camera))
-            world = gbuffer.world_positions(camera, found["depth"], get_jitter(renderer))
+            found = decode_gbuffer(renderer.render(camera))
+            world = world_positions(camera, found["depth"], get_jitter(renderer))
             was = world.copy()
             # The background is infinitely far away; in parallel projections it has one color and doesn't move.
             background = found["depth"] == 0
@@ -108,7 +109,7 @@ def check_motion(device, way="raster", orthographic_height=0.0):
             for row, instance in renderer.binder.instances.items():
                 here, step = found["instance"] == row, before[instance] @ np.linalg.inv(instance.transform)
                 was[here] = transform_points(step, world[here])
-            expected = gbuffer.project(previous, was) - gbuffer.project(camera, world)
+            expected = project(previous, was) - project(camera, world)
             expected[background & (orthographic_height > 0)] = 0
             worst = max(worst, float(np.abs(found["motion"] * SIZE - expected).max()))
             largest = max(largest, float(np.abs(expected).max()))
@@ -182,7 +183,7 @@ def check_culling(device, orthographic_height=0.0, **lens):
             expected = renderers["none"].render(camera)
             for name, renderer in renderers.items():
                 frame = expected if name == "none" else renderer.render(camera)
-                for image in gbuffer.IMAGES:
+                for image in GBUFFER_IMAGES:
                     np.testing.assert_array_equal(frame[image], expected[image], err_msg=f"{name} {number}: {image}")
                 counts = {counter: int(renderer[f"gbuffer/{counter}"]) for counter in COUNTERS}
                 assert sum(counts.values()) == visible
@@ -213,7 +214,7 @@ def test_near_plane_cuts(device):
     scene.add(sv.Camera.look_at((0, 0, 1.5), (0, 0, 0), near=0.6, vertical_fov=math.radians(90)))
     check_raster(device, scene)
     with make_renderer(device, scene, SIZE, passes=GBUFFER, gbuffer="raster") as renderer:
-        shown = gbuffer.decode(renderer.render(scene.camera))["instance"]
+        shown = decode_gbuffer(renderer.render(scene.camera))["instance"]
     assert shown[32, 48] == 1  # through the sphere, whose inside isn't drawn, to the box
     assert shown[32, 73] == 0
 
@@ -290,8 +291,8 @@ def test_a_tilted_floor_is_where_it_must_be(device, way):
     scene = sv.Scene(sv.Instance(shapes.quad((0, 0, 0), (0, 0, 50), (50, 0, 0)), matte(0.5)))
     camera = sv.Camera.look_at((0, 7, 5), (0, 0, 0), orthographic_height=6.0, near=0.5)
     with make_renderer(device, scene, SIZE, passes=GBUFFER, gbuffer=way, jitter=False) as renderer:
-        found = gbuffer.decode(renderer.render(camera))
-    origins, directions = closed_forms.camera_rays(camera, *SIZE)
+        found = decode_gbuffer(renderer.render(camera))
+    origins, directions = camera_rays(camera, *SIZE)
     expected = -origins[..., 1] / directions[..., 1]
     np.testing.assert_allclose(camera.near / found["depth"], expected, rtol=1e-5)
     with sv.PathTracer(device, scene, SIZE) as tracer:
@@ -307,7 +308,7 @@ def test_orthographic_frames_agree_with_the_path_tracer(device):
     eye, target = np.array([1, 1, -3.0]), np.ones(3)
     steps = [np.array([0.02, 0.01, 0]) * k for k in range(12)]
     cameras = [sv.Camera.look_at(eye + step, target + step, orthographic_height=2.4) for step in steps]
-    truth = trace(device, scene, 512, size, cameras[-1], seed=3)
+    truth = path_traced(device, scene, 512, size, cameras[-1], seed=3)
     with sv.Renderer(device, scene, size, seed=4) as renderer:
         for camera in [cameras[0]] * 24 + cameras:
             radiance = renderer.render(camera)["radiance"].copy()

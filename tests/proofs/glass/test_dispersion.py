@@ -4,9 +4,16 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from support.frames import path_tracer_at_centers
-from support.pictures import take_picture
-from support.realtime import PATHS, PLAIN, Effort, make_renderer, read_radiance, run_pictures
+from support.frames import (
+    PATHS,
+    PLAIN_PATHS,
+    Effort,
+    make_renderer,
+    observe_runs,
+    path_traced_runs,
+    path_tracer_at_centers,
+    read_radiance,
+)
 from support.seeded_bugs import Bug, bug_tests
 from support.statistics import relative_interval
 
@@ -72,7 +79,7 @@ def expected(light, dispersion=DISPERSION):
 def check_prism(device, name, fields=None, dispersion=DISPERSION):
     light = MAPS[name]
     scene = prism(light, **(fields or {}))
-    found = take_picture(device, scene, (8, 8), 512, max_bounces=2).mean.mean(axis=(0, 1))
+    found = path_traced_runs(device, scene, (8, 8), 512, max_bounces=2).mean.mean(axis=(0, 1))
     print(name, found, expected(light, dispersion))
     np.testing.assert_allclose(found, expected(light, dispersion), atol=0.004)
 
@@ -101,7 +108,7 @@ def check_furnace(device, **fields):
     scene.environment = sv.Environment(np.ones((4, 8, 3), np.float32))
     eye = (0.1, 0.2, 0.1) if within else (1.2, 1.0, 1.5)
     scene.camera = sv.Camera.look_at(eye, (0, 0, 0), vertical_fov=0.6)
-    found = take_picture(device, scene, (8, 8), 1024, max_bounces=200).mean.mean(axis=(0, 1))
+    found = path_traced_runs(device, scene, (8, 8), 1024, max_bounces=200).mean.mean(axis=(0, 1))
     np.testing.assert_allclose(found, 1.0, rtol=0.015)
 
 
@@ -126,10 +133,10 @@ EFFORT = Effort(16, 0, 64, 4096)
 def test_frames_have_the_path_tracers_colors(device):
     """Realtime frames of the prism, color by color, without the denoiser, against the path tracer."""
     scene, size = prism(MAPS["a ramp"]), (8, 8)
-    with make_renderer(device, scene, size, passes=PATHS, **PLAIN) as renderer:
-        found = run_pictures(renderer, scene.camera, EFFORT, read_radiance)
+    with make_renderer(device, scene, size, passes=PATHS, **PLAIN_PATHS) as renderer:
+        found = observe_runs(renderer, scene.camera, EFFORT, read_radiance)
     with path_tracer_at_centers():
-        right = take_picture(device, scene, size, EFFORT.samples, max_bounces=64).mean
+        right = path_traced_runs(device, scene, size, EFFORT.samples, max_bounces=64).mean
     assert np.ptp(right.mean(axis=(0, 1))) > 0.1
     for channel in range(3):
         error, half_width = relative_interval(found[..., channel], right[..., channel])

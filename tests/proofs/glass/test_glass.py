@@ -7,11 +7,9 @@ import functools
 
 import numpy as np
 import pytest
-from support.measured import hold
-from support.paths import Profile, measure_means
-from support.pictures import take_picture
-from support.realtime import Effort
+from support.frames import Effort, Profile, measure_means, path_traced_runs
 from support.seeded_bugs import Bug, bug_tests
+from support.statistics import require
 
 import solari_vk as sv
 from solari_vk.scene import shapes
@@ -25,7 +23,7 @@ NOTHING = np.zeros((1, 1, 4), np.uint8)  # a texture
 
 
 def mean(device, scene, size, samples, **settings):
-    return take_picture(device, scene, size, samples, **settings).mean.mean(axis=(0, 1))
+    return path_traced_runs(device, scene, size, samples, **settings).mean.mean(axis=(0, 1))
 
 
 def light_through(device, material, strategy="nee"):
@@ -156,4 +154,4 @@ def balls(*materials):
 @pytest.mark.parametrize("name", BALLS)
 def test_frames_have_the_path_tracers_mean(device, name):
     profile = Profile(Effort(16, 0, 64, 8192), Effort(), (0.01, 0.0))
-    hold(measure_means(device, profile, balls(*BALLS[name]), kinds=("one", "several")))
+    require(measure_means(device, profile, balls(*BALLS[name]), kinds=("one", "several")))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from support import mitsuba_scene
+from oracles import mitsuba_scene
 from support.seeded_bugs import Bug, seeded
 from support.statistics import assert_equal, compare
 

@@ -5,10 +5,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from support.measured import hold
-from support.oracles.closed_forms import camera_rays
-from support.realtime import GUIDES, OFF, PARTS, add_up, make_renderer, odd_scene, trace
+from oracles.cameras import camera_rays
+from support.frames import GUIDES, LIGHT_OFF, PARTS, add_up, make_renderer, path_traced
 from support.seeded_bugs import Bug, bug_tests, seeded
+from support.statistics import require
 
 import solari_vk as sv
 from solari_vk.lab.conformance.rules import SUITE, Measurement, Rule
@@ -17,6 +17,7 @@ from solari_vk.passes.guides import IMAGES
 from solari_vk.scene import shapes
 from solari_vk.scene.builtin import builtin, cornell_box, lamp, place, rgb
 from solari_vk.scene.matrices import transform_directions
+from solari_vk.scene.model import Instance, Material, Mesh
 
 _PSR, _GUIDES = ("Solari in Bevy 0.19", "primary surface replacement"), (SUITE, "Guides")
 RANGE = Rule("degenerate and extreme scenes give finite guides, unit or zero normals, roughness 0 to 1", *_GUIDES)
@@ -29,8 +30,25 @@ MIRROR = sv.Material(base_color=rgb(0.9), metallic=1.0, perceptual_roughness=0.0
 CLEAR = {"transmission": 1.0, "perceptual_roughness": 0.0, "double_sided": True}
 
 
+def odd_scene():
+    """Slivers, points, a light without area, zero normals, huge and tiny instances, a mirror, and extreme radiance."""
+    points = np.array([(0, 0, 0), (1, 0, 0), (0.5, 1e-7, 0), (0.3, 0.3, 0.3), (0.3, 0.3, 0.3), (0.3, 0.3, 0.3)])
+    spoiled, ball = Mesh(positions=points, normals=np.zeros((6, 3), np.float32)), shapes.sphere(0.3, 8)
+    scene = cornell_box(radiance=(1e8, 1e-3, 0))
+    mirror = Material(metallic=1.0, perceptual_roughness=0.0, base_color=(1.0, 1.0, 1.0))
+    for mesh, material, scale in (
+        (spoiled, lamp(5.0), 1.0),
+        (spoiled, mirror, 1.0),
+        (ball, mirror, 1.0),
+        (ball, lamp(1e6), 1e-5),
+        (shapes.box(inward=True), mirror, 1e4),
+    ):
+        scene.add(Instance(mesh=mesh, material=material, transform=place(scale, (0.8, 1.2, 0.5))))
+    return scene
+
+
 def guide_renderer(device, scene, **settings):
-    return make_renderer(device, scene, SIZE, passes=GUIDES, **{**OFF, **settings})
+    return make_renderer(device, scene, SIZE, passes=GUIDES, **{**LIGHT_OFF, **settings})
 
 
 def read(frame):
@@ -293,7 +311,7 @@ def test_what_a_pane_shows_is_denoised_by_its_own_guides(device):
     scene.add(shapes.quad((0, 0, -3), (2, 0, 0), (0, 2, 0)), sv.Material(base_color_texture=colors))
     scene.add(shapes.quad((0, 2.5, -2), (0.5, 0, 0), (0, 0, 0.5)), lamp(20.0))
     scene.add(shapes.quad((0, 0, -1), (2, 0, 0), (0, 2, 0)), sv.Material(base_color=0.95, **CLEAR))
-    truth, errors = trace(device, scene, 512, SIZE, seed=5), []
+    truth, errors = path_traced(device, scene, 512, SIZE, seed=5), []
     for bugs in ((), (NO_WALLS,)):
         with seeded(*bugs), make_renderer(device, scene, SIZE, denoise=True, antialiasing=True, seed=31) as renderer:
             for _ in range(8):
@@ -325,7 +343,7 @@ def measure_two_mirrors(device):
     ids=lambda measure: measure.__name__,
 )
 def test_rules_hold(device, measure):
-    hold(measure(device))
+    require(measure(device))
 
 
 WRITE, MIRRORS_FILE = "passes/guides/write.comp", "passes/guides/mirrors.glsl"

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from support.frames import find, frames_in_history, settle
-from support.realtime import make_renderer
+from support.frames import frames_in_history, make_renderer, render_frames
 from support.seeded_bugs import Bug, bug_tests
 
 import solari_vk as sv
@@ -31,7 +30,7 @@ def two_rooms():
     scene = sv.Scene(sv.Camera.look_at((0.3, 1, 4.5), (0.3, 1, 0), vertical_fov=0.85))
     add_room(scene, (-2.3, 0.8, -3.5), 100.0, "bright")
     add_room(scene, (0.3, 0.0, -2.0), 1.0, "dim")
-    return scene, find(scene, "dim")
+    return scene, scene.instances["dim"]
 
 
 def light_after(device, scene, change, frames, seeds=SEEDS):
@@ -48,7 +47,7 @@ def light_after(device, scene, change, frames, seeds=SEEDS):
             renderer.seed = seed
             renderer.reset()
             change(0)
-            settle(renderer, scene.camera, 40)
+            render_frames(renderer, scene.camera, 40)
             before = light(8).mean()
             change(1)
             shares.append(light(frames) / before)
@@ -93,7 +92,7 @@ def test_a_weak_lamp_that_is_carried_away(device):
 def history_under_flicker(device, what):
     """The median length of histories after 40 frames in which a lamp's light or place changes a little."""
     scene = cornell_box()
-    lamp = find(scene, "lamp")
+    lamp = scene.instances["lamp"]
     radiance, at = np.array(lamp.material.emissive), np.array(lamp.transform)
     with make_renderer(device, scene, SIZE, denoise=True) as renderer:
         for frame in range(40):

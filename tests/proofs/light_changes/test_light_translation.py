@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from support.direct_light import direct_light, direct_renderer
-from support.replication import replicate
+from support.frames import direct_light, direct_renderer, replicate
 from support.seeded_bugs import Bug, bug_tests
-from support.statistics import replicates
+from support.statistics import compare_runs
 
 import solari_vk as sv
 from solari_vk.bound.constants import NO_INDEX
@@ -44,7 +43,10 @@ def check_colors(device, scene, run, bar=0.02, colors=np.s_[:]):
         observed = replicate(renderer, RUNS, lambda: run(renderer))[:, colors]
     with direct_renderer(device, scene, SIZE, di_temporal=False, di_spatial=False) as renderer:
         expected = means(renderer, 128).mean(axis=0)[colors]
-    assert replicates(observed / expected, np.ones(len(expected)), bar) == (0, True), (observed.mean(axis=0), expected)
+    assert compare_runs(observed / expected, np.ones(len(expected)), bar) == (0, True), (
+        observed.mean(axis=0),
+        expected,
+    )
 
 
 def check_removed(device):

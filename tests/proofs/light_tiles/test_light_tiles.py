@@ -5,25 +5,23 @@ from __future__ import annotations
 import math
 from pathlib import Path
 from statistics import NormalDist
+from typing import NamedTuple
 
 import numpy as np
 import pytest
+from oracles.cameras import camera_rays
+from oracles.encodings import decode_octahedral, decode_rgb9e5, pcg_hash, pcg_step
+from oracles.light import sun_radiance
 from scipy import stats
-from support import brdf_runs
-from support.direct_light import direct_renderer
-from support.encodings import pcg_hash, pcg_step
-from support.lamp_over_floor import floor_scene
-from support.measured import hold
-from support.oracles import closed_forms
-from support.oracles.encodings import decode_octahedral, decode_rgb9e5
-from support.packed_lights import decode, half_step, receive, step_and_rounding
-from support.realtime import OFF, make_renderer
+from support.frames import LIGHT_OFF, direct_renderer, make_renderer, material_records, run_brdf
+from support.scenes import floor_scene
 from support.seeded_bugs import Bug, bug_tests, seeded
-from support.statistics import chi_squared_p, standard_deviations
+from support.statistics import chi_squared_p, require, standard_deviations
 
 import solari_vk as sv
 from solari_vk.bound.constants import NO_INDEX
 from solari_vk.bound.lights.choice_weights import EQUAL_SHARE
+from solari_vk.bound.lights.light_kinds import KIND_INDEX
 from solari_vk.bound.spatial_order import spatial_order
 from solari_vk.lab.conformance.rules import SUITE, Measurement, Rule
 from solari_vk.lab.conformance.shader_runner import ShaderRunner
@@ -47,7 +45,50 @@ COLOR, SATURATED = np.array((1.0, 0.3, 0.0)), np.array((1.0, 0.5, 5e-4))
 EXPOSED = np.geomspace(1e-4, 1e9, 16)[:, None] * np.where(np.arange(16)[:, None] % 2, SATURATED, COLOR)
 BALL = 10.0
 EV100, LUX, SUN_ANGLE = 9.7, 100_000.0, 0.0093
-ALONE = {**OFF, "di": True, "di_temporal": False, "di_spatial": False}
+ALONE = {**LIGHT_OFF, "di": True, "di_temporal": False, "di_spatial": False}
+
+
+def half_step(colors):
+    """Half of the distance (N, 1) between neighbors in rgb9e5 around colors (N, 3)."""
+    _, exponent = np.frexp(colors.max(axis=-1, keepdims=True))  # of a mantissa from 1/2 to 1
+    return np.ldexp(1.0, np.maximum(exponent - 1, -16) - 9)
+
+
+def step_and_rounding(logarithms):
+    """The error that packing may add to log2(1 + x) (N, 3): half a step, and Vulkan's tolerances."""
+    return half_step(logarithms) + np.maximum(2.0**-21 + 2.0**-23, 2.0**-21 * logarithms)
+
+
+class LightSamples(NamedTuple):
+    """Decoded samples; `position` is a direction where `directional`, and radiance is in units of white."""
+
+    position: np.ndarray
+    normal: np.ndarray
+    exposed: np.ndarray
+    inverse_area_pdf: np.ndarray
+    directional: np.ndarray
+
+
+def decode_samples(packed):
+    """Records (N,) of a renderer's `light_tiles`, whose radiance is log2(1 + radiance * exposure)."""
+    return LightSamples(
+        packed["world_position"].astype(np.float64),
+        decode_octahedral(packed["world_normal"]),
+        np.exp2(decode_rgb9e5(packed["radiance"])) - 1,
+        packed["inverse_area_pdf"].astype(np.float64),
+        packed["kind"] == KIND_INDEX["directional"],
+    )
+
+
+def receive(samples, points):
+    """Directions (N, 3) from points (N, 3) to the samples, and the irradiance (N, 1) of samples of radiance 1.
+
+    The irradiance includes the inverse pdf, but not the cosine at the points."""
+    to_light = samples.position - np.where(samples.directional[:, None], 0, points)
+    squared = (to_light**2).sum(axis=-1, keepdims=True)
+    wi = to_light / np.sqrt(squared)
+    cosine = np.maximum(-(wi * samples.normal).sum(axis=-1, keepdims=True), 0)
+    return wi, cosine / squared * samples.inverse_area_pdf[:, None]
 
 
 def lamps_above(exposed, lux=LUX, angle=SUN_ANGLE):
@@ -86,7 +127,7 @@ def triangles_of(mesh):
 def measure_tiles(device):
     """Measures the samples of four frames."""
     scene = lamps_above(EXPOSED)
-    with make_renderer(device, scene, (8, 8), **OFF) as renderer:
+    with make_renderer(device, scene, (8, 8), **LIGHT_OFF) as renderer:
         named, packed, probabilities = take_tiles(renderer, 4)
     yield from _measure_packing(named.ravel(), packed.ravel(), scene.camera.exposure)
     shares = [np.full(2, 0.5)] * len(EXPOSED) + [triangles_of(shapes.sphere(0.2, 8))[1], np.ones(1)]
@@ -96,12 +137,12 @@ def measure_tiles(device):
 def _measure_packing(named, packed, exposure):
     """Compares packed records with the lights of the scene."""
     light, count = named["light_index"], len(EXPOSED) + 2
-    sun = closed_forms.sun_radiance(LUX, SUN_ANGLE) * exposure
+    sun = sun_radiance(LUX, SUN_ANGLE) * exposure
     exposed = np.concatenate([EXPOSED, [(BALL,) * 3, (sun,) * 3]])[light]
     stored, expected = decode_rgb9e5(packed["radiance"]), np.log2(1 + exposed)
     error = (np.abs(stored - expected) / step_and_rounding(expected)).max()
     yield Measurement(ENCODED, float(error), 1.0, "of half a step")
-    samples = decode(packed)
+    samples = decode_samples(packed)
     error = np.abs(samples.exposed[light == count - 1] / sun - 1).max()
     bar = 2 ** half_step(np.log2([[1 + sun]])).item() - 1
     yield Measurement(SUN, float(error), bar, "relative error", f"{sun:.3g} times white")
@@ -136,14 +177,14 @@ def measure_contribution(device):
         reservoirs, lit = renderer["di_reservoirs"].ravel(), renderer["di_diffuse"].reshape(-1, 3).astype(np.float64)
     there = lit.max(axis=-1) > 0
     place_of = {sample.tobytes(): index for index, sample in enumerate(named)}
-    chosen = decode(packed[[place_of[r.tobytes()] for r in reservoirs["light_sample"][there]]])
-    origins, directions = (rays.reshape(-1, 3)[there] for rays in closed_forms.camera_rays(scene.camera, *size))
+    chosen = decode_samples(packed[[place_of[r.tobytes()] for r in reservoirs["light_sample"][there]]])
+    origins, directions = (rays.reshape(-1, 3)[there] for rays in camera_rays(scene.camera, *size))
     points = origins - directions * (origins[:, 1:2] / directions[:, 1:2])
     wi, share = receive(chosen, points)
     z_up = [0, 2, 1]  # the normal is z in brdf.comp
-    material = brdf_runs.materials(1.0, 0.0, 0.0, 1.0)
+    material = material_records(1.0, 0.0, 0.0, 1.0)
     with ShaderRunner(device, Path(__file__).parents[1] / "brdf/glsl") as shaders:
-        brdf = brdf_runs.run(shaders, "evaluate", len(wi), material, -directions[:, z_up], wi[:, z_up])[:, 1]
+        brdf = run_brdf(shaders, "evaluate", len(wi), material, -directions[:, z_up], wi[:, z_up])[:, 1]
     logarithms = np.log2(1 + lit[there] * scene.camera.exposure / (share * brdf))
     error = np.abs(logarithms - np.log2(1 + chosen.exposed)) / step_and_rounding(logarithms)
     yield Measurement(CONTRIBUTION, float(error.max()), 1.0, "of half a step", f"{there.sum()} pixels")
@@ -248,7 +289,7 @@ def test_pixels_of_a_group_share_a_tile(device):
 @pytest.mark.slow
 @pytest.mark.parametrize("measure", [measure_tiles, measure_contribution, measure_noise])
 def test_rules_hold(device, measure):
-    hold(measure(device))
+    require(measure(device))
 
 
 def packing(change):

@@ -9,14 +9,21 @@ from unittest import mock
 
 import numpy as np
 import pytest
-from support.frames import each_lighting
-from support.lamp_over_floor import ALBEDO, floor_scene
-from support.measured import hold
-from support.oracles import closed_forms, environments
-from support.pictures import compare_picture, take_picture
-from support.realtime import GBUFFER, OFF, Effort, make_renderer, measure_mean, run_pictures, trace
+from oracles.cameras import camera_rays
+from oracles.light import environment_irradiance, environment_radiance
+from support.frames import (
+    GBUFFER,
+    LIGHT_OFF,
+    Effort,
+    each_lighting,
+    make_renderer,
+    observe_runs,
+    path_traced,
+    path_traced_runs,
+)
+from support.scenes import ALBEDO, floor_scene
 from support.seeded_bugs import Bug, bug_tests
-from support.statistics import chi_squared_p, standard_deviations
+from support.statistics import chi_squared_p, compare_picture, measure_mean, require, standard_deviations
 
 import solari_vk as sv
 from solari_vk.bound.lights import environment_buffers
@@ -66,8 +73,8 @@ def measure_floor(device, strategy):
         scene = floor_scene(LAMBERT)
         scene.environment = environment
         samples, bar = (8192, 0.02) if strategy == "brdf" else (4096, 0.01)
-        made = take_picture(device, scene, (16, 16), samples, max_bounces=1, lambert=True, light_strategy=strategy)
-        expected = environments.irradiance(environment, (0, 1, 0)) * ALBEDO / math.pi
+        made = path_traced_runs(device, scene, (16, 16), samples, max_bounces=1, lambert=True, light_strategy=strategy)
+        expected = environment_irradiance(environment, (0, 1, 0)) * ALBEDO / math.pi
         yield from compare_picture(f"a floor under {name}, {strategy}", _CLOSED, made, expected, bar)
 
 
@@ -82,12 +89,12 @@ def measure_mirror(device, **settings):
     with make_renderer(device, scene, (32, 32), jitter=False, **settings) as renderer:
         frame = renderer.render(scene.camera)
         seen, in_mirror = frame["radiance"], np.isfinite(frame["depth"])
-    _, rays = closed_forms.camera_rays(scene.camera, 32, 32)
+    _, rays = camera_rays(scene.camera, 32, 32)
     for rule, where, along in (
         (BACKGROUND, ~in_mirror, rays),
         (MIRROR, in_mirror, rays - 2 * (rays @ normal)[..., None] * normal),
     ):
-        errors = np.abs(seen[where] - environments.radiance(environment, along[where]))
+        errors = np.abs(seen[where] - environment_radiance(environment, along[where]))
         yield Measurement(rule, float(errors.max()) / (_HALF_STEP * float(image.max())), 2.0, "of a step")
 
 
@@ -95,14 +102,14 @@ def measure_texels(device):
     """The light samples of a frame."""
     scene = floor_scene(matte(1.0))
     scene.environment = environment = sv.Environment(random_map(3), rotation=turned(0.5))
-    with make_renderer(device, scene, (8, 8), passes=(*GBUFFER, "solari019/light_tiles/"), **OFF) as renderer:
+    with make_renderer(device, scene, (8, 8), passes=(*GBUFFER, "solari019/light_tiles/"), **LIGHT_OFF) as renderer:
         frame = renderer.render(scene.camera)
         part, packed = frame["light_tile_samples"]["part"].ravel(), frame["light_tiles"].ravel()
     height, width = environment.image.shape[:2]
     fine = sv.Environment(environment.image)
     each = 16  # directions along each side of a texel
     light = luminances(
-        environments.radiance(fine, directions(height * each, width * each).reshape(-1, 3)).astype(np.float32)
+        environment_radiance(fine, directions(height * each, width * each).reshape(-1, 3)).astype(np.float32)
     ).reshape(height, each, width, each) * solid_angles(height * each, width * each).reshape(height, each, 1, 1)
     expected = light.sum(axis=(1, 3)).ravel()
     # Interpolated luminance is weighted by the sine at each texel's center, which the sum over directions isn't.
@@ -144,7 +151,7 @@ def measure_sun(device, height):
     above = directions(*image.shape[:2])[..., 1].clip(0) * solid_angles(*image.shape[:2])
     expected = np.einsum("yxc,yx->c", image.astype(np.float64), above) * ALBEDO / math.pi
     samples = 4096
-    made = take_picture(device, scene, (16, 16), samples, max_bounces=1, lambert=True)
+    made = path_traced_runs(device, scene, (16, 16), samples, max_bounces=1, lambert=True)
     yield from compare_picture(f"a floor under a sun in a map {height} high", _CLOSED, made, expected, 0.01)
     deviation = np.sqrt(made.variance * samples) / made.mean
     yield Measurement(NOISE, float(deviation.mean()), 3.0, "standard deviations")
@@ -158,9 +165,9 @@ def measure_means(device, effort, **settings):
     scene.add(shapes.sphere(0.5, 16), matte(ALBEDO), place(at=(0.6, 0.5, 0)))
     shiny = sv.Material(base_color=rgb(0.9), metallic=1.0, roughness=0.3)
     scene.add(shapes.sphere(0.5, 16), shiny, place(at=(-0.6, 0.5, 0)))
-    expected = trace(device, scene, effort.samples).mean(axis=(0, 1))
+    expected = path_traced(device, scene, effort.samples).mean(axis=(0, 1))
     with make_renderer(device, scene, **settings) as renderer:
-        found = run_pictures(
+        found = observe_runs(
             renderer, scene.camera, effort, lambda frame: frame["radiance"].mean(axis=(0, 1), dtype=np.float64)
         )
     yield measure_mean(MEANS, found, expected, 0.03, effort)
@@ -184,13 +191,13 @@ def slow(measure, *arguments, name):
     ],
 )
 def test_rules_hold(device, measure):
-    hold(measure(device))
+    require(measure(device))
 
 
 @pytest.mark.slow
 @each_lighting
 def test_frames_have_the_path_tracers_light(device, lighting):
-    hold(measure_means(device, FAST, **lighting))
+    require(measure_means(device, FAST, **lighting))
 
 
 def test_edits_of_a_map_show_at_once(device):

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 from scipy import stats
-from support.bound_scenes import bound
+from support.frames import bound_scene
 from support.seeded_bugs import Bug, bug_tests, with_shaders
 
 import solari_vk as sv
@@ -55,7 +55,7 @@ def make_world():
 
 def draw(shaders, world):
     """The samples, by power and by the tree (2, N), and the lights' powers."""
-    with bound(shaders.device, world) as binder:
+    with bound_scene(shaders.device, world) as binder:
         constants = dict.fromkeys(binder.features, True)
         drawn = shaders.run(
             "test/light_choice", 2 * COUNT, binder.resources, {"drawn": 2 * COUNT}, constants=constants

@@ -8,8 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from support.direct_light import direct_light, direct_renderer
-from support.realtime import trace
+from support.frames import direct_light, direct_renderer, path_traced
 
 import solari_vk as sv
 from solari_vk.bound.lights import light_kinds
@@ -138,7 +137,7 @@ def assert_lit(radiance):
 
 @pytest.mark.parametrize("strategy", ["mis", "nee"])
 def test_the_path_tracer_renders_two_new_kinds(device, scene, strategy):
-    assert_lit(trace(device, scene, 64, SIZE, max_bounces=1, light_strategy=strategy, lambert=True))
+    assert_lit(path_traced(device, scene, 64, SIZE, max_bounces=1, light_strategy=strategy, lambert=True))
 
 
 @pytest.mark.slow

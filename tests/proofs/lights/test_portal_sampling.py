@@ -5,12 +5,11 @@ from __future__ import annotations
 from statistics import NormalDist
 
 import numpy as np
+from oracles.light import environment_radiance
 from scipy import stats
-from support.bound_scenes import bound
-from support.measured import hold
-from support.oracles import environments
+from support.frames import bound_scene
 from support.seeded_bugs import Bug, bug_tests, with_shaders
-from support.statistics import standard_deviations
+from support.statistics import require, standard_deviations
 
 import solari_vk as sv
 from solari_vk.bound.lights.choice_weights import PORTAL_SHARE
@@ -46,7 +45,7 @@ def world():
 
 def measure_sampling(shaders):
     scene = world()
-    with bound(shaders.device, scene) as binder:
+    with bound_scene(shaders.device, scene) as binder:
         for receiver in RECEIVERS:
             found = shaders.run(
                 "test/portal_samples",
@@ -103,12 +102,12 @@ def _judged(scene, receiver, drawn, chances):
 
 
 def _noise(scene, directions, factors):
-    seen = factors * luminances(environments.radiance(scene.environment, directions).astype(np.float32))
+    seen = factors * luminances(environment_radiance(scene.environment, directions).astype(np.float32))
     return seen.std() / seen.mean()
 
 
 def test_directions_have_their_density(shaders):
-    hold(measure_sampling(shaders))
+    require(measure_sampling(shaders))
 
 
 SAMPLING, PORTAL = "scene/lights/portal_sampling.glsl", "scene/lights/portal.glsl"

@@ -7,17 +7,24 @@ import math
 
 import numpy as np
 import pytest
-from support import mitsuba_scene
-from support.frames import each_lighting, frames_in_history
-from support.lamp_over_floor import ALBEDO, floor_scene
-from support.measured import hold
-from support.oracles import environments
-from support.oracles.closed_forms import polygon_irradiance
-from support.paths import Profile, measure_means
-from support.pictures import compare_picture, take_picture
-from support.realtime import PATHS, PLAIN, Effort, make_renderer, measure_mean, run_pictures, trace
+from oracles import mitsuba_scene
+from oracles.light import environment_irradiance, polygon_irradiance
+from support.frames import (
+    PATHS,
+    PLAIN_PATHS,
+    Effort,
+    Profile,
+    each_lighting,
+    frames_in_history,
+    make_renderer,
+    measure_means,
+    observe_runs,
+    path_traced,
+    path_traced_runs,
+)
+from support.scenes import ALBEDO, floor_scene
 from support.seeded_bugs import Bug, bug_tests
-from support.statistics import assert_equal, compare
+from support.statistics import assert_equal, compare, compare_picture, measure_mean, require
 
 import solari_vk as sv
 from solari_vk.bound.lights import choice_weights
@@ -95,8 +102,8 @@ def measure_open_floor(device, strategy):
             ((-1, 0, 0.5), (0.3, 0, 0), (0.2, 1, 1)),
         ],
     )
-    made = take_picture(device, scene, (16, 16), 8192, max_bounces=1, lambert=True, light_strategy=strategy)
-    expected = environments.irradiance(environment, (0, 1, 0)) * ALBEDO / math.pi
+    made = path_traced_runs(device, scene, (16, 16), 8192, max_bounces=1, lambert=True, light_strategy=strategy)
+    expected = environment_irradiance(environment, (0, 1, 0)) * ALBEDO / math.pi
     yield from compare_picture(f"an open floor with portals, {strategy}", _CLOSED, made, expected, 0.01)
 
 
@@ -107,21 +114,21 @@ def close_portals():
     scene = sv.Scene(floor, sv.Camera.look_at((0, 0.2, 0), (0, 0, 0), up=(0, 0, 1), vertical_fov=0.3))
     scene.environment = sv.Environment(image, rotation=2.0)
     add_portals(scene, [((0, 0.022, 0), (0.04, 0, 0), (0, 0, 0.04)), ((0.05, 0.04, 0), (0.03, 0.02, 0), (0, 0, 0.05))])
-    return scene, environments.irradiance(scene.environment, (0, 1, 0)) * ALBEDO / math.pi
+    return scene, environment_irradiance(scene.environment, (0, 1, 0)) * ALBEDO / math.pi
 
 
 def measure_close(device):
     """Light samples and rays by the path tracer."""
     scene, expected = close_portals()
-    made = take_picture(device, scene, (16, 16), 4096, max_bounces=1, lambert=True)
+    made = path_traced_runs(device, scene, (16, 16), 4096, max_bounces=1, lambert=True)
     yield from compare_picture("a floor close below portals", _CLOSED, made, expected, 0.01)
 
 
 def measure_close_frames(device, restir):
     scene, expected = close_portals()
-    settings = {**PLAIN, "restir": restir, "lambert": True, "paths_bounces": 1, "passes": PATHS}
+    settings = {**PLAIN_PATHS, "restir": restir, "lambert": True, "paths_bounces": 1, "passes": PATHS}
     with make_renderer(device, scene, (16, 16), **settings) as renderer:
-        found = run_pictures(
+        found = observe_runs(
             renderer, scene.camera, CLOSE, lambda frame: frame["raw_radiance"].mean(axis=(0, 1), dtype=np.float64)
         )
     yield measure_mean(Rule("frames of a floor close below portals", *_CLOSED), found, expected, 0.012, CLOSE)
@@ -151,7 +158,7 @@ IN_ROOM = [WINDOW, ((5.3, 1.3, 2.1), (0.1, 0.5, 0), (0, 0, 0.6)), ((2.5, 1.5, 0)
 def measure_room(device, samples=512):
     """Pictures of the room with and without portals, tile by tile."""
     with_portals, without = (
-        take_picture(device, room(given), (48, 32), samples, max_bounces=8) for given in (IN_ROOM, ())
+        path_traced_runs(device, room(given), (48, 32), samples, max_bounces=8) for given in (IN_ROOM, ())
     )
     yield from compare_picture(
         "a room with portals", (SUITE, "Portals"), with_portals, without.mean, 0.05, without.variance
@@ -160,14 +167,14 @@ def measure_room(device, samples=512):
 
 def measure_gain(device):
     scenes = [window_room(sv.Environment(1000.0), with_portal=given) for given in (True, False)]
-    after, before = (take_picture(device, scene, (48, 32), 128, max_bounces=4) for scene in scenes)
+    after, before = (path_traced_runs(device, scene, (48, 32), 128, max_bounces=4) for scene in scenes)
     yield Measurement(GAIN, _relative(after.variance, before.mean) / _relative(before.variance, before.mean), 0.3)
 
 
 def measure_frames_gain(device):
     """Of frames 5 to 24, against the path tracer."""
     scenes = [window_room(sv.Environment(1000.0), with_portal=given) for given in (True, False)]
-    truth = trace(device, scenes[1], 2048, (48, 32))
+    truth = path_traced(device, scenes[1], 2048, (48, 32))
     errors = []
     for scene in scenes:
         with make_renderer(device, scene, (48, 32), jitter=False) as renderer:
@@ -190,14 +197,14 @@ def measure_outside(device):
         scene.environment = sv.Environment(20 * image.astype(np.float32))
         scene.add(sv.DirectionalLight((0.2, -1, 0), illuminance=300.0))
         add_portals(scene, portals)
-        made = take_picture(device, scene, (16, 16), 512, max_bounces=1, lambert=True)
+        made = path_traced_runs(device, scene, (16, 16), 512, max_bounces=1, lambert=True)
         variances.append(made.variance.mean())
     yield Measurement(OUTSIDE, float(variances[0] / variances[1]), 1.5)
 
 
 @functools.cache
 def _expected(device):
-    return trace(device, room(), EFFORT.samples).mean(axis=(0, 1))
+    return path_traced(device, room(), EFFORT.samples).mean(axis=(0, 1))
 
 
 def measure_paths(device):
@@ -209,7 +216,7 @@ def measure_paths(device):
 def measure_frames(device, **settings):
     scene = room(IN_ROOM)
     with make_renderer(device, scene, **settings) as renderer:
-        found = run_pictures(
+        found = observe_runs(
             renderer, scene.camera, EFFORT, lambda frame: frame["radiance"].mean(axis=(0, 1), dtype=np.float64)
         )
     yield measure_mean(MEANS, found, _expected(device), 0.04, EFFORT)
@@ -240,19 +247,19 @@ def _floor(device):
     ],
 )
 def test_rules_hold(device, measure):
-    hold(measure(device))
+    require(measure(device))
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("restir", [False, True])
 def test_frames_of_a_floor_close_below_portals(device, restir):
-    hold(measure_close_frames(device, restir))
+    require(measure_close_frames(device, restir))
 
 
 @pytest.mark.slow
 @each_lighting
 def test_frames_have_the_light_of_a_room_without_portals(device, lighting):
-    hold(measure_frames(device, **lighting))
+    require(measure_frames(device, **lighting))
 
 
 @pytest.mark.slow
@@ -313,7 +320,7 @@ def test_edits_of_portals_and_environments_leave_the_picture(device):
 def test_outside_notices_a_larger_share(device, monkeypatch):
     monkeypatch.setattr(choice_weights, "PORTAL_SHARE", 0.9)
     with pytest.raises(AssertionError):
-        hold(measure_outside(device))
+        require(measure_outside(device))
 
 
 @pytest.mark.slow

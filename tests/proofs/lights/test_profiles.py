@@ -6,11 +6,10 @@ import math
 
 import numpy as np
 import pytest
-from support.frames import measure_frames
-from support.gltf_writer import GltfWriter
-from support.measured import hold
-from support.realtime import Effort
+from support.files import GltfWriter
+from support.frames import Effort, measure_frames
 from support.seeded_bugs import Bug, seeded
+from support.statistics import require
 
 import solari_vk as sv
 from solari_vk.base.budget import load_budget
@@ -141,7 +140,7 @@ def test_frames_have_the_path_tracers_light(device, tmp_path):
             (0.5, 0.7, 1.4), profile=light.profile, intensity=2, radius=0.1, direction=(1, 0, 0), horizontal=(0, 1, 0)
         )
     )
-    hold(measure_frames(device, scene, Effort(4, 16, 12), 512, 0.04, size=(24, 24)))
+    require(measure_frames(device, scene, Effort(4, 16, 12), 512, 0.04, size=(24, 24)))
 
 
 def test_profiles_change_while_rendering(device, tmp_path):

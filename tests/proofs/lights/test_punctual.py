@@ -6,14 +6,20 @@ import math
 
 import numpy as np
 import pytest
-from support import mitsuba_scene
-from support.bound_scenes import bound
-from support.frames import left_of, measure_frames, settle
-from support.measured import hold
-from support.pictures import take_picture
-from support.realtime import SPLIT, Effort, make_renderer, trace
+from oracles import mitsuba_scene
+from support.frames import (
+    SPLIT_LIGHTING,
+    Effort,
+    bound_scene,
+    make_renderer,
+    measure_frames,
+    path_traced,
+    path_traced_runs,
+    render_frames,
+    share_of_earlier,
+)
 from support.seeded_bugs import Bug, bug_tests
-from support.statistics import assert_equal, compare
+from support.statistics import assert_equal, compare, require
 
 import solari_vk as sv
 from solari_vk.bound.lights.light_kinds import KIND_INDEX
@@ -47,20 +53,20 @@ def box_with_lamps(*names):
         {},
         *(
             pytest.param(lighting, marks=pytest.mark.slow)
-            for lighting in ({"denoise": True, "antialiasing": True}, REUSE, SPLIT)
+            for lighting in ({"denoise": True, "antialiasing": True}, REUSE, SPLIT_LIGHTING)
         ),
     ],
     ids=["raw", "denoised", "reuse", "split"],
 )
 def test_frames_have_the_path_tracers_light(device, lighting):
     """With three lamps, one of which the camera sees."""
-    bar, tile_bar = (0.07, 0.25) if lighting == SPLIT else (0.03, 0.15)
+    bar, tile_bar = (0.07, 0.25) if lighting == SPLIT_LIGHTING else (0.03, 0.15)
     if lighting.get("denoise"):  # which blurs the edges of tiles
         tile_bar = None
-    hold(measure_frames(device, box_with_lamps(), Effort(4, 24, 16), 512, bar, tile_bar, **lighting))
+    require(measure_frames(device, box_with_lamps(), Effort(4, 24, 16), 512, bar, tile_bar, **lighting))
 
 
-@pytest.mark.parametrize("lighting", [{}, pytest.param(SPLIT, marks=pytest.mark.slow)], ids=["paths", "split"])
+@pytest.mark.parametrize("lighting", [{}, pytest.param(SPLIT_LIGHTING, marks=pytest.mark.slow)], ids=["paths", "split"])
 def test_mirrors_show_spheres(device, lighting):
     """The camera looks at a mirror, with a lamp before it on the left and one beside the camera on the right."""
     mirror = sv.Material(base_color=(1, 1, 1), metallic=1, perceptual_roughness=0)
@@ -71,7 +77,7 @@ def test_mirrors_show_spheres(device, lighting):
     scene = sv.Scene(sv.Instance(shapes.quad((0, 0, -2), (3, 0, 0), (0, 3, 0)), mirror), camera, dark, *lamps)
     scene.add(shapes.quad((0, 0, 6), (0, 9, 0), (9, 0, 0)), sv.Material(base_color=0, reflectance=0), name="wall")
     size = (32, 32)
-    expected = trace(device, scene, 64, size)
+    expected = path_traced(device, scene, 64, size)
     with make_renderer(device, scene, size, **lighting) as renderer:
         found = np.mean([renderer.render(camera)["radiance"] for _ in range(32)], axis=0)
         not_lit = renderer.render(camera)["guides_diffuse_albedo"][..., 3] == 0
@@ -98,15 +104,15 @@ def test_light_that_pixels_reuse_follows_a_lamp(device, radius):
     pictures, found = [], []
     for place in places:
         lamp.position = place
-        pictures.append(trace(device, scene, 512, size, max_bounces=64))
+        pictures.append(path_traced(device, scene, 512, size, max_bounces=64))
     with make_renderer(device, scene, size, **REUSE) as renderer:
         for _ in range(16):
             lamp.position = places[0]
-            settle(renderer, scene.camera, 12)
+            render_frames(renderer, scene.camera, 12)
             lamp.position = places[1]
             found.append(renderer.render(scene.camera)["radiance"].astype(np.float64))
     seen = np.minimum(*pictures).max(axis=-1, keepdims=True) < 10  # without the pixels that show the lamp
-    left = left_of(*(np.where(seen, picture, 0) for picture in (*pictures, np.mean(found, axis=0))))
+    left = share_of_earlier(*(np.where(seen, picture, 0) for picture in (*pictures, np.mean(found, axis=0))))
     print(f"{left:.4f} of the old picture")
     assert abs(left) < 0.03
 
@@ -142,7 +148,7 @@ def test_a_box_under_point_and_spot_is_mitsubas(device):
     mitsuba = mitsuba_scene.select_variant(vectorized=False)
     lamps = emitters(mitsuba, scene.lights["point"], scene.lights["spot"])
     theirs = mitsuba_scene.scene_of(mitsuba, scene, 32, 32, bounces=4, lambert=True, emitters=lamps)
-    made = take_picture(device, scene, (32, 32), 1024, max_bounces=4, lambert=True)
+    made = path_traced_runs(device, scene, (32, 32), 1024, max_bounces=4, lambert=True)
     assert_equal(compare(made.mean, made.variance, *mitsuba_scene.render(mitsuba, theirs, 8, 64)), 0.012)
 
 
@@ -162,7 +168,7 @@ test_a_seeded_bug_is_noticed = bug_tests(
 @pytest.fixture
 def binder(device):
     """A binder of the box with its point light and its spotlight."""
-    with bound(device, box_with_lamps("point", "spot")) as made:
+    with bound_scene(device, box_with_lamps("point", "spot")) as made:
         yield made
 
 

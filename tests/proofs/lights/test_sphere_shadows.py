@@ -6,10 +6,8 @@ import math
 
 import numpy as np
 import pytest
-from support.bound_scenes import bound
-from support.frames import TILES, WHOLE
-from support.measured import hold
-from support.realtime import Effort, make_renderer, measure_mean, measure_picture_tiles, run_pictures, trace
+from support.frames import TILES, WHOLE, Effort, bound_scene, make_renderer, observe_runs, path_traced
+from support.statistics import measure_mean, measure_picture_tiles, require
 
 import solari_vk as sv
 from solari_vk.base.errors import SolariError
@@ -80,7 +78,7 @@ def test_a_binder_moves_the_ball_with_one_update(device):
     """Its row stays, and nothing is left for the next update."""
     scene = sv.Scene(ball(name="bulb"))
     scene.add(shapes.box(), matte(0.5), name="box")
-    with bound(device, scene) as binder:
+    with bound_scene(device, scene) as binder:
         (row,) = (row for row, instance in binder.instances.items() if instance.name == "bulb")
         assert {instance.name for instance in scene.instances} == {"box"}, "the scene has no ball"
         scene.lights["bulb"].position = (3, 1, 0)
@@ -119,14 +117,14 @@ def test_a_lamp_hides_what_is_behind_it(device):
 @pytest.mark.slow  # minutes
 def test_frames_have_the_path_tracers_light(device):
     scene, size, effort = before_a_wall(), (32, 32), Effort(4, 24, 16)
-    expected = trace(device, scene, 1024, size, max_bounces=64)
+    expected = path_traced(device, scene, 1024, size, max_bounces=64)
     with make_renderer(device, scene, size) as renderer:
-        found = run_pictures(renderer, scene.camera, effort, lambda frame: frame["radiance"])
+        found = observe_runs(renderer, scene.camera, effort, lambda frame: frame["radiance"])
         frame = renderer.render(scene.camera)
         assert frame.pick(9, 16).name == "True"
         assert frame.pick(22, 16) is scene.instances[0]
-    hold([measure_mean(WHOLE, found, expected, 0.03, effort)])
-    hold([measure_picture_tiles(TILES, found, expected, 0.1, effort)])
+    require([measure_mean(WHOLE, found, expected, 0.03, effort)])
+    require([measure_picture_tiles(TILES, found, expected, 0.1, effort)])
 
 
 def test_points_cast_no_shadows():

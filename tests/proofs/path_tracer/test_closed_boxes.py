@@ -6,10 +6,10 @@ import math
 
 import numpy as np
 import pytest
-from support.measured import hold
-from support.oracles import closed_forms
-from support.pictures import take_picture
+from oracles.light import closed_box_radiance
+from support.frames import path_traced_runs
 from support.seeded_bugs import Bug, bug_tests
+from support.statistics import require
 
 import solari_vk as sv
 from solari_vk.lab.conformance.bulk_checks import bumpy_ball
@@ -31,7 +31,7 @@ def measure_series(device, bounces, strategy):
     is 0.06 %.
     """
     albedo, emission = np.array((0.3, 0.5, 0.7)), np.array((2.0, 1.0, 0.25))
-    expected = closed_forms.closed_box_radiance(emission, albedo, bounces)
+    expected = closed_box_radiance(emission, albedo, bounces)
     scene, samples = closed_box(), 512
     if strategy == "nee":
         ball = shapes.sphere(segments=128)
@@ -39,7 +39,7 @@ def measure_series(device, bounces, strategy):
         samples = 128
     scene.materials[0].update(base_color=albedo, emissive=emission)
     options = {"max_bounces": bounces, "lambert": True, "light_strategy": strategy}
-    made = take_picture(device, scene, (32, 32), samples, **options)
+    made = path_traced_runs(device, scene, (32, 32), samples, **options)
     mean = made.mean.mean(axis=(0, 1)) if bounces else made.mean  # emission alone is exact in every pixel
     error = float(np.abs(mean / expected - 1).max())
     rule = Rule(f"closed room after {bounces} bounces, {strategy}", *_SERIES)
@@ -50,7 +50,7 @@ def measure_white_box(device, roughness, metallic):
     """White walls lose no energy: every bounce adds the emission once more, whatever the material."""
     scene = closed_box(1.0, 1.0)
     next(iter(scene)).material.update(perceptual_roughness=roughness, metallic=metallic, reflectance=0.5)
-    made = take_picture(device, scene, (32, 32), 128, max_bounces=3)
+    made = path_traced_runs(device, scene, (32, 32), 128, max_bounces=3)
     rule = Rule(f"white closed box, roughness {roughness:g}, metallic {metallic:g}", *_SERIES)
     yield Measurement(rule, abs(float(made.mean.mean()) / 4 - 1), BAR, "relative error")
 
@@ -93,10 +93,10 @@ def measure_light_tight(device, where, samples=8):
     for mesh, bounces, size in ((ball_with_bumps(), 4, (64, 64)), (ball_with_spikes(), 0, (256, 256))):
         ball = sv.Instance(mesh=mesh, material=matte(1.0), transform=PLACES[where])
         options = {"max_bounces": bounces, "lambert": True, "runs": 2}
-        made = take_picture(device, sv.Scene(ball, camera, *suns), size, samples, **options)
+        made = path_traced_runs(device, sv.Scene(ball, camera, *suns), size, samples, **options)
         lit = float((made.mean > 0).any(axis=-1).sum())
         yield Measurement(Rule(f"a closed surface is light-tight, {where}", *_TRACER), lit, 0.0, "pixels")
-    outside = take_picture(device, sv.Scene(camera, *suns), (16, 16), 2, max_bounces=0, runs=2).mean
+    outside = path_traced_runs(device, sv.Scene(camera, *suns), (16, 16), 2, max_bounces=0, runs=2).mean
     yield Measurement(Rule("the suns are seen", *_TRACER), float((outside == 0).sum()), 0.0, "dark pixels")
 
 
@@ -112,7 +112,7 @@ def slow(*case):
     [(0, "mis"), (1, "mis"), (1, "nee"), (1, "brdf"), slow(5, "mis"), slow(5, "nee"), slow(5, "brdf")],
 )
 def test_series(device, bounces, strategy):
-    hold(measure_series(device, bounces, strategy))
+    require(measure_series(device, bounces, strategy))
 
 
 @pytest.mark.parametrize(
@@ -124,13 +124,13 @@ def test_series(device, bounces, strategy):
     ],
 )
 def test_white_boxes(device, roughness, metallic):
-    hold(measure_white_box(device, roughness, metallic))
+    require(measure_white_box(device, roughness, metallic))
 
 
 @pytest.mark.parametrize("samples", [8, slow(64)])
 @pytest.mark.parametrize("where", PLACES)
 def test_closed_surfaces_are_light_tight(device, where, samples):
-    hold(measure_light_tight(device, where, samples))
+    require(measure_light_tight(device, where, samples))
 
 
 test_a_seeded_bug_is_noticed = bug_tests(

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from support import brdf
-from support.lamp_over_floor import LAMP_CORNERS, LAMP_RADIANCE, floor_scene, lamp_above, on_lamp
-from support.older_solari import LOBES_ADDED
-from support.oracles.closed_forms import over_pixels
-from support.pictures import take_picture
-from support.seeded_bugs import Bug, bug_tests, seeded
+from oracles import brdf
+from oracles.cameras import over_pixels
+from support.frames import path_traced_runs
+from support.scenes import LAMP_CORNERS, LAMP_RADIANCE, floor_scene, lamp_above, on_lamp
+from support.seeded_bugs import LOBES_ADDED, Bug, bug_tests, seeded
 from support.statistics import assert_equal, compare
 
 import solari_vk as sv
@@ -61,7 +60,7 @@ def test_lamp_over_our_materials(device, case):
     older = layering == "sum"  # as Solari 0.18
     with seeded(*[LOBES_ADDED] * older):
         options = {"max_bounces": 1, "layering": "fresnel_product" if older else layering}
-        made = take_picture(device, scene, (16, 16), 4096, **options)
+        made = path_traced_runs(device, scene, (16, 16), 4096, **options)
     surface = brdf.Surface(color, metallic, roughness, reflectance, layering, resolution=96)
     eye = scene.camera.transform[:3, 3]
     expected = over_pixels(scene.camera, 16, lambda points: lamp_over_surface(surface, points, eye))

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 import pytest
-from support.realtime import trace
+from support.frames import path_traced
 from support.seeded_bugs import Bug, bug_tests
 
 import solari_vk as sv
@@ -40,7 +40,7 @@ def spread(device, **fields):
     """`spread_of` a picture of a small lamp."""
     scene = sv.Scene(sv.Camera(vertical_fov=FOV, **fields))
     scene.add(shapes.quad((0, 0, -DISTANCE), (0.06, 0, 0), (0, 0.06, 0)), lamp(1000.0))
-    return spread_of(trace(device, scene, 1024, SIZE, seed=8, max_bounces=0).sum(axis=2))
+    return spread_of(path_traced(device, scene, 1024, SIZE, seed=8, max_bounces=0).sum(axis=2))
 
 
 @pytest.mark.parametrize(("kind", "focus"), [("perspective", 2.0), ("perspective", 12.0), ("orthographic", 2.0)])
@@ -55,7 +55,7 @@ def test_what_is_in_focus_is_sharp_everywhere(device):
         scene = sv.Scene(sv.Camera(vertical_fov=1.4, aperture=aperture, focus_distance=DISTANCE))
         for x in (-2.8, 0.0, 2.8):
             scene.add(shapes.quad((x, 0, -DISTANCE), (0.1, 0, 0), (0, 0.1, 0)), lamp(1000.0))
-        lit.append(trace(device, scene, 64, SIZE, seed=8, max_bounces=0).max(axis=2) > 0)
+        lit.append(path_traced(device, scene, 64, SIZE, seed=8, max_bounces=0).max(axis=2) > 0)
     np.testing.assert_array_equal(*lit)
 
 
@@ -78,7 +78,7 @@ def test_blades_are_turned(device):
             )
         )
         scene.add(shapes.quad((0, 0, -DISTANCE), (0.06, 0, 0), (0, 0.06, 0)), lamp(1000.0))
-        light = trace(device, scene, 256, SIZE, seed=8, max_bounces=0)[..., 0].sum(axis=0)
+        light = path_traced(device, scene, 256, SIZE, seed=8, max_bounces=0)[..., 0].sum(axis=0)
         along, at = light / light.sum(), np.arange(SIZE[0]) - (SIZE[0] - 1) / 2
         radius = APERTURE / 2 / (2 * DISTANCE * math.tan(FOV / 2) / SIZE[1])
         # The third moment of an equilateral triangle of the circumradius R about its center is R^3 / 40.
@@ -102,7 +102,7 @@ def test_other_lenses_have_apertures_too(device, fields):
         camera = sv.Camera(**fields, aperture=aperture, focus_distance=focus)
         scene = sv.Scene(camera)
         scene.add(shapes.quad((0, 0, -DISTANCE), (0.06, 0, 0), (0, 0.06, 0)), lamp(1000.0))
-        light = trace(device, scene, 256, size, seed=8, max_bounces=0).sum(axis=(0, 2))
+        light = path_traced(device, scene, 256, size, seed=8, max_bounces=0).sum(axis=(0, 2))
         along, at = light / light.sum(), np.arange(size[0])
         widths.append((along * (at - (along * at).sum()) ** 2).sum())
     edge = camera.project((APERTURE * abs(1 - DISTANCE / 2.0), 0, -DISTANCE), size)[0] - (size[0] - 1) / 2

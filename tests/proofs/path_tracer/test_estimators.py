@@ -7,7 +7,7 @@ import math
 
 import numpy as np
 import pytest
-from support.pictures import take_picture
+from support.frames import path_traced_runs
 from support.seeded_bugs import Bug, bug_tests
 from support.statistics import assert_equal, compare
 
@@ -20,7 +20,7 @@ SIZE = (48, 48)
 
 
 def take(device, scene, samples, seed, **settings):
-    return take_picture(device, scene, SIZE, samples, seed=seed, max_bounces=3, **settings)
+    return path_traced_runs(device, scene, SIZE, samples, seed=seed, max_bounces=3, **settings)
 
 
 def room(lamps=None, *suns):

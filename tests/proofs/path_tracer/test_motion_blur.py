@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from support.characters import bent, tube
+from support.scenes import bent_joints, tube
 
 import solari_vk as sv
 from solari_vk.base.errors import SolariError
@@ -70,13 +70,13 @@ def test_a_rolling_shutter_slants_edges(device):
 def test_skins_lights_and_cameras_are_blurred(device):
     """The mean of still pictures at many times: a skin bends, a lamp moves, and the camera turns and zooms."""
     mesh, rest = tube(joints=3)
-    scene = sv.Scene(sv.Instance(mesh, matte((0.7, 0.4, 0.2)), joint_matrices=bent(rest, 0.0)))
+    scene = sv.Scene(sv.Instance(mesh, matte((0.7, 0.4, 0.2)), joint_matrices=bent_joints(rest, 0.0)))
     scene.add(shapes.quad((0, -0.1, 0), (0, 0, 3), (3, 0, 0)), matte((0.5, 0.5, 0.5)))
     light = scene.add(shapes.sphere(0.3, 12), lamp(20.0))
     cameras = [sv.Camera.look_at((x, 1.2, 4), (0, 0.9, 0), fov=fov) for x, fov in ((-0.5, 45), (0.8, 60))]
 
     def pose(seconds):
-        scene.instances[0].joint_matrices = bent(rest, 0.5 * seconds)
+        scene.instances[0].joint_matrices = bent_joints(rest, 0.5 * seconds)
         light.position = (-1 + 2 * seconds, 2.2, 1)
         return between(*cameras, seconds)
 

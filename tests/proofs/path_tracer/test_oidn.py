@@ -7,8 +7,8 @@ import importlib.util
 
 import numpy as np
 import pytest
-from support.realtime import trace
-from support.statistics import sixteenths
+from support.frames import path_traced
+from support.statistics import tile_means_4x4
 
 import solari_vk as sv
 from solari_vk.cli import main
@@ -28,7 +28,7 @@ BARS = {"cornell_box": 0.0075, "mirror_hall": 0.035}
 @pytest.fixture(scope="module")
 def reference_of(device):
     """reference_of(name) -> the path tracer's picture of a built-in scene with many samples."""
-    return functools.cache(lambda name: trace(device, builtin(name), 400, SIZE, seed=1_000_003))
+    return functools.cache(lambda name: path_traced(device, builtin(name), 400, SIZE, seed=1_000_003))
 
 
 def luminance_error(picture, reference):
@@ -45,7 +45,7 @@ def test_a_denoised_picture_is_near_the_reference(tracer, reference_of, name):
     frame = tracer(builtin(name), SIZE, seed=21).render(samples=16, denoise=True)
     picture, reference = frame["radiance"].astype(np.float64), reference_of(name)
     error, raw = (relative_mse(p, reference) for p in (picture, frame["raw_radiance"]))
-    means = [sixteenths(p).mean(axis=2) for p in (picture, reference)]
+    means = [tile_means_4x4(p).mean(axis=2) for p in (picture, reference)]
     off = np.abs(means[0] / means[1] - 1)
     print(name, error, raw, off.max())
     assert error < BARS[name] < raw / 4

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from support import rays
-from support.frames import each_lighting, snapshot
-from support.realtime import make_renderer
+from oracles.cameras import camera_rays
+from oracles.rays import World
+from support.frames import each_lighting, make_renderer, snapshot
 
 import solari_vk as sv
 from solari_vk.lab.conformance.embree_checks import meet
@@ -52,13 +52,13 @@ def test_camera_rays_hit_what_embree_hits(tracer, name):
     scene = SCENES[name]()
     for instance in scene:
         instance.material.update(double_sided=True)  # the Embree rays aren't culled
-    world = rays.World(scene)
+    world = World(scene)
     extent = float(np.linalg.norm(np.subtract(*scene.bounds)))
     renderer = tracer(scene, (SIZE, SIZE), max_bounces=0)
     total, wrong = 0, 0
     for camera in cameras_in(scene, 3, seed=21):
         renderer.render(camera, samples=1)
-        origins, directions = (x.reshape(-1, 3) for x in rays.camera_rays(camera, SIZE, SIZE))
+        origins, directions = (x.reshape(-1, 3) for x in camera_rays(camera, SIZE, SIZE))
         hits = world.embree_hits(origins, directions)
         distance, edge = meet(world.corners, hits, origins, directions)
         expected = np.where(hits >= 0, world.instance[np.maximum(hits, 0)], -1)

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from support.frames import find
-from support.random_scenes import random_items
-from support.realtime import trace
+from support.frames import path_traced
+from support.scenes import random_items
 from support.seeded_bugs import Bug, bug_tests
 
 import solari_vk as sv
@@ -20,7 +19,7 @@ def fresh(tracer, scene, samples=4, **settings):
 
 def test_pixels_and_seeds_are_independent(device):
     """The noise of neighboring pixels is uncorrelated, and so is that of successive seeds."""
-    noise = [trace(device, closed_box(), 1, (64, 64), seed=seed, max_bounces=2)[..., 0] for seed in (1, 2, 3)]
+    noise = [path_traced(device, closed_box(), 1, (64, 64), seed=seed, max_bounces=2)[..., 0] for seed in (1, 2, 3)]
     first, *others = (n - n.mean() for n in noise)
     for other in (np.roll(first, 1, 0), np.roll(first, 1, 1), np.roll(first, (1, 1), (0, 1)), *others):
         assert abs((first * other).mean() / (first.std() * other.std())) < 4.5 / 64
@@ -30,11 +29,11 @@ SUN = sv.DirectionalLight(direction=(0.2, -0.3, 1), illuminance=20)
 BALL = sv.Instance(mesh=shapes.sphere(0.3, 12), material=lamp((3, 0, 9)), transform=place(at=(1, 1, 0.4)))
 EDITS = {
     "material": lambda scene: next(iter(scene)).material.update(base_color=(0.1, 0.6, 0.2)),
-    "transform": lambda scene: find(scene, "short block").update(transform=place(at=(0.1, 0.2, -0.1))),
-    "remove": lambda scene: scene.remove(find(scene, "tall block")),
+    "transform": lambda scene: scene.instances["short block"].update(transform=place(at=(0.1, 0.2, -0.1))),
+    "remove": lambda scene: scene.remove(scene.instances["tall block"]),
     "add": lambda scene: scene.add(BALL),
-    "radiance of a light": lambda scene: find(scene, "lamp").material.update(emissive=(1, 5, 9)),
-    "hide": lambda scene: find(scene, "short block").update(visible=False),
+    "radiance of a light": lambda scene: scene.instances["lamp"].material.update(emissive=(1, 5, 9)),
+    "hide": lambda scene: scene.instances["short block"].update(visible=False),
     "new sun": lambda scene: scene.add(SUN),
     "camera": lambda scene: scene.camera.update(vertical_fov=0.5),
 }
@@ -77,7 +76,7 @@ def test_degenerate_triangles_are_harmless(tracer):
     for material in (matte(0.5), lamp(5.0)):
         scene.add(sv.Mesh(positions=spoiled), material)
         scene.add(sv.Mesh(positions=spoiled, normals=np.zeros_like(spoiled)), material)
-    light = find(scene, "lamp")
+    light = scene.instances["lamp"]
     indices = np.concatenate([light.mesh.indices, [[0, 0, 1], [2, 2, 2]]])
     light.mesh = sv.Mesh(positions=light.mesh.positions, normals=light.mesh.normals, indices=indices)
     assert fresh(tracer, scene, 256).mean() == pytest.approx(expected, rel=0.04)

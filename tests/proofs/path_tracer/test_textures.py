@@ -7,8 +7,8 @@ from unittest import mock
 
 import numpy as np
 import pytest
-from support.oracles.encodings import decode_srgb
-from support.realtime import GUIDES, make_renderer
+from oracles.encodings import decode_srgb
+from support.frames import GUIDES, make_renderer
 from support.seeded_bugs import Bug, bug_tests
 
 import solari_vk as sv

@@ -6,12 +6,20 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from support import brdf_runs
-from support.measured import hold
-from support.oracles.closed_forms import camera_rays
-from support.realtime import JITTER_PERIOD, PATHS, PLAIN, Effort, make_renderer, measure_mean, run_pictures
-from support.realtime import read_radiance as read
+from oracles.cameras import camera_rays
+from support.frames import (
+    JITTER_PERIOD,
+    PATHS,
+    PLAIN_PATHS,
+    Effort,
+    make_renderer,
+    material_records,
+    observe_runs,
+    run_albedo,
+)
+from support.frames import read_radiance as read
 from support.seeded_bugs import Bug, bug_tests
+from support.statistics import measure_mean, require
 
 import solari_vk as sv
 from solari_vk.lab.conformance.rules import SUITE, Measurement, Rule
@@ -33,7 +41,7 @@ SIZE = (32, 32)
 
 def make(device, scene):
     """A renderer of the light that leaves the first surface after one bounce."""
-    return make_renderer(device, scene, SIZE, passes=PATHS, **{**PLAIN, "paths_bounces": 1})
+    return make_renderer(device, scene, SIZE, passes=PATHS, **{**PLAIN_PATHS, "paths_bounces": 1})
 
 
 # ---- mirrors ----------------------------------------------------------------------------------------
@@ -148,13 +156,13 @@ def measure_lobes(device):
         return lobes(frame, "diffuse_radiance", "specular_radiance")
 
     with make(device, scene) as renderer:
-        found = run_pictures(renderer, scene.camera, effort, radiance)
+        found = observe_runs(renderer, scene.camera, effort, radiance)
         frame = renderer.render(scene.camera)
         made, demodulated = radiance(frame), lobes(frame, "paths_diffuse", "paths_specular")
     toward_viewer = (camera_rays(scene.camera, *SIZE)[1] * (1, 1, -1)).reshape(-1, 3)
-    black = brdf_runs.materials(0.0, REFLECTANCE, 0.0, np.broadcast_to(np.repeat(ROUGHNESS, SIZE[0] // 2), SIZE))
+    black = material_records(0.0, REFLECTANCE, 0.0, np.broadcast_to(np.repeat(ROUGHNESS, SIZE[0] // 2), SIZE))
     with ShaderRunner(device, BRDF_SHADERS) as shaders:
-        specular = brdf_runs.albedo(shaders, black, toward_viewer).reshape(*SIZE, 3)
+        specular = run_albedo(shaders, black, toward_viewer).reshape(*SIZE, 3)
     albedos = np.stack([(1 - specular) * PLASTIC, specular])
     for lobe, half in itertools.product((0, 1), HALVES):
         yield measure_mean(LOBES, found[:, lobe][half], albedos[lobe][half], 0.03, effort)
@@ -194,7 +202,7 @@ def measure_distances(device):
     ],
 )
 def test_rules_hold(device, measure):
-    hold(measure(device))
+    require(measure(device))
 
 
 def writing(change):

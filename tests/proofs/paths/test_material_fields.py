@@ -6,11 +6,18 @@ from dataclasses import fields
 
 import numpy as np
 import pytest
-from support.frames import path_tracer_at_centers
-from support.measured import hold
-from support.realtime import PATHS, PLAIN, Effort, make_renderer, read_radiance, run_pictures, trace
+from support.frames import (
+    PATHS,
+    PLAIN_PATHS,
+    Effort,
+    make_renderer,
+    observe_runs,
+    path_traced,
+    path_tracer_at_centers,
+    read_radiance,
+)
 from support.seeded_bugs import Bug, bug_tests
-from support.statistics import relative_interval
+from support.statistics import relative_interval, require
 
 import solari_vk as sv
 from solari_vk.lab.conformance.rules import SUITE, Measurement, Rule
@@ -132,10 +139,10 @@ def make_rows(names, seed=2):
 def measure_fields(device, names, effort=EFFORT):
     """The largest relative error of each row's mean among the three channels, with its 95 % interval."""
     scene, size = make_rows(names), (4 * PIXELS, len(names) * PIXELS)
-    with make_renderer(device, scene, size, passes=PATHS, **PLAIN) as renderer:
-        found = run_pictures(renderer, scene.camera, effort, read_radiance)
+    with make_renderer(device, scene, size, passes=PATHS, **PLAIN_PATHS) as renderer:
+        found = observe_runs(renderer, scene.camera, effort, read_radiance)
     with path_tracer_at_centers():
-        expected = trace(device, scene, effort.samples, size, max_bounces=64)
+        expected = path_traced(device, scene, effort.samples, size, max_bounces=64)
     for row, name in enumerate(names):
         part = np.s_[..., row * PIXELS : (row + 1) * PIXELS, :, :]
         errors = [relative_interval(found[part][..., at], expected[part][..., at]) for at in range(3)]
@@ -159,10 +166,10 @@ def test_layers_over_smooth_metal_show_points(device, layer):
     camera = sv.Camera.look_at((0, 2, 2), (0, 0, 0), vertical_fov=0.5)
     scene = sv.Scene(camera, sv.Instance(shapes.plane(2), metal))
     scene.add(sv.PointLight(position=(0, 2, -2), intensity=100.0))
-    with make_renderer(device, scene, (8, 8), passes=PATHS, **PLAIN) as renderer:
-        found = run_pictures(renderer, camera, Effort(96, 0, 16, 256), read_radiance)
+    with make_renderer(device, scene, (8, 8), passes=PATHS, **PLAIN_PATHS) as renderer:
+        found = observe_runs(renderer, camera, Effort(96, 0, 16, 256), read_radiance)
     with path_tracer_at_centers():
-        expected = trace(device, scene, 256, (8, 8), camera)
+        expected = path_traced(device, scene, 256, (8, 8), camera)
     error, half_width = relative_interval(found[..., 0], expected[..., 0])
     assert abs(error) + half_width < 0.03, f"{error:+.2%} +- {half_width:.2%}"
 
@@ -170,7 +177,7 @@ def test_layers_over_smooth_metal_show_points(device, layer):
 @pytest.mark.slow  # minutes
 @pytest.mark.parametrize("names", GROUPS.values(), ids=GROUPS)
 def test_fields(device, names):
-    hold(measure_fields(device, names, ONE_WAVELENGTH if names == ["dispersion"] else EFFORT))
+    require(measure_fields(device, names, ONE_WAVELENGTH if names == ["dispersion"] else EFFORT))
 
 
 def test_every_field_is_measured():

@@ -5,14 +5,30 @@ import math
 
 import numpy as np
 import pytest
-from support import realtime
-from support.lamp_over_floor import LAMP_CORNERS, floor_scene, lamp_above, lamp_on_lambert
-from support.measured import hold
-from support.oracles import closed_forms
-from support.paths import CACHED, DEFAULT, FULL, ONE, ONE_TILES, SEVERAL_TILES, SIZE, Profile, measure_means
-from support.realtime import JITTER_PERIOD, PATHS, PLAIN, Effort, make_renderer, measure_mean, read_radiance, trace
-from support.replication import replicate
+from oracles.light import sun_irradiance
+from support.frames import (
+    CACHED,
+    FRAME_SIZE,
+    JITTER_PERIOD,
+    ONE,
+    ONE_TILES,
+    PATHS,
+    PATHS_DEFAULT,
+    PATHS_PROFILE,
+    PLAIN_PATHS,
+    SEVERAL_TILES,
+    Effort,
+    Profile,
+    make_renderer,
+    measure_means,
+    observe_runs,
+    path_traced,
+    read_radiance,
+    replicate,
+)
+from support.scenes import LAMP_CORNERS, floor_scene, lamp_above, lamp_on_lambert
 from support.seeded_bugs import Bug, bug_tests
+from support.statistics import measure_mean, measure_picture_tiles, require
 
 import solari_vk as sv
 from solari_vk.lab.conformance.rules import SUITE, Measurement, Rule
@@ -39,18 +55,18 @@ TILES = Rule("each of 4 x 4 tiles of a Lambert floor is its closed form", "close
 def measure_floor(device, scene, expected, **settings):
     """Require that the picture of a Lambert floor is `expected`."""
     effort = Effort(16, 0, 32)
-    chosen = {**PLAIN, "jitter": True, "lambert": True, "paths_bounces": 1, **settings}
-    with make_renderer(device, scene, SIZE, passes=PATHS, **chosen) as renderer:
-        found = realtime.run_pictures(renderer, scene.camera, effort, read_radiance) * (expected > 0)
-    tiles = realtime.measure_picture_tiles(TILES, found, expected, 0.02, effort)
-    hold([measure_mean(LIGHT, found, expected, 0.005, effort), tiles])
+    chosen = {**PLAIN_PATHS, "jitter": True, "lambert": True, "paths_bounces": 1, **settings}
+    with make_renderer(device, scene, FRAME_SIZE, passes=PATHS, **chosen) as renderer:
+        found = observe_runs(renderer, scene.camera, effort, read_radiance) * (expected > 0)
+    tiles = measure_picture_tiles(TILES, found, expected, 0.02, effort)
+    require([measure_mean(LIGHT, found, expected, 0.005, effort), tiles])
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("lamp", "candidates"), [("wide", "several"), ("tiny", "one"), ("near", "several")])
 def test_lamp_over_a_floor(device, lamp, candidates):
     scene = floor_scene(sv.Material(base_color=rgb((0.8, 0.5, 0.2))), lamp_above(LAMPS[lamp]))
-    expected = lamp_on_lambert(scene, SIZE[0], LAMPS[lamp])
+    expected = lamp_on_lambert(scene, FRAME_SIZE[0], LAMPS[lamp])
     measure_floor(device, scene, expected, **CANDIDATES[candidates])
 
 
@@ -58,8 +74,8 @@ def test_lamp_over_a_floor(device, lamp, candidates):
 def test_sun_over_a_floor(device, diameter):
     sun = sv.DirectionalLight(direction=rgb((1, -1.5, 0.3)), illuminance=10.0, angular_diameter=diameter)
     scene = floor_scene(sv.Material(base_color=rgb(0.6)), sun)
-    irradiance = closed_forms.sun_irradiance(10.0, diameter, 1.5 / math.sqrt(1 + 1.5**2 + 0.3**2))
-    measure_floor(device, scene, np.full((*SIZE, 3), irradiance * 0.6 / math.pi))
+    irradiance = sun_irradiance(10.0, diameter, 1.5 / math.sqrt(1 + 1.5**2 + 0.3**2))
+    measure_floor(device, scene, np.full((*FRAME_SIZE, 3), irradiance * 0.6 / math.pi))
 
 
 # ---- the path tracer's means ------------------------------------------------------------------------
@@ -67,7 +83,7 @@ def test_sun_over_a_floor(device, diameter):
 
 @pytest.mark.slow
 def test_metals_have_the_path_tracers_means(device):
-    hold(measure_means(device, FULL))
+    require(measure_means(device, PATHS_PROFILE))
 
 
 # The frames of each of 16 runs, and the bar of the mean: about twice the interval. Small lights among many boxes are
@@ -83,13 +99,13 @@ def test_without_the_cache_paths_are_the_path_tracers(device, name):
     frames, bar = EFFORTS.get(name, (64, 0.01))
     profile = Profile(Effort(16, 0, frames, 8192), Effort(), (bar, 0.0))
     scene = sv.builtin(name, **CHANGED.get(name, {}))
-    hold(measure_means(device, profile, scene, kinds=("one", "several")))
+    require(measure_means(device, profile, scene, kinds=("one", "several")))
 
 
 @pytest.mark.slow
 def test_lamp_under_a_ceiling(device):
     profile = Profile(Effort(16, 0, 64, 8192), Effort(16, 24, 64), (0.01, 0.02))
-    hold(measure_means(device, profile, sv.builtin("lamp_gap", gap=0.01)))
+    require(measure_means(device, profile, sv.builtin("lamp_gap", gap=0.01)))
 
 
 # ---- frames -----------------------------------------------------------------------------------------
@@ -98,7 +114,7 @@ def test_lamp_under_a_ceiling(device):
 def measure_sequence(device):
     """The variance of the mean of 32 frames, over a 32nd of a frame's variance, where walls glow and reflect."""
     scene, seeds = closed_box(), 8
-    with make_renderer(device, scene, SIZE, passes=PATHS, **{**PLAIN, "paths_bounces": 1}) as renderer:
+    with make_renderer(device, scene, FRAME_SIZE, passes=PATHS, **{**PLAIN_PATHS, "paths_bounces": 1}) as renderer:
         single, means = 0.0, []
         for seed in range(seeds):
             renderer.seed = seed
@@ -138,13 +154,13 @@ def measure_cells(device, roughness=0.3, runs=8, **changed):
     below = sv.Camera.look_at((0, _HEIGHT - 1, 0), (0, _HEIGHT, 0), up=(0, 0, 1), vertical_fov=2 * math.atan(_PANEL))
     # What the panel shows of a known irradiance from where the floor throws the sun: matte isn't quite Lambertian.
     sun = sv.DirectionalLight(direction=rgb(_SUN * (1, -1, 1)), illuminance=1.0)
-    lit = trace(device, sv.Scene(scene.instances[1], sun), 256, SIZE, below, max_bounces=1).mean()
-    received = closed_forms.sun_irradiance(1.0, sun.angular_diameter, float(-_SUN[1] / np.linalg.norm(_SUN)))
-    expected = trace(device, scene, 2048, SIZE, below, max_bounces=64).mean(axis=(0, 1)) * received / lit
+    lit = path_traced(device, sv.Scene(scene.instances[1], sun), 256, FRAME_SIZE, below, max_bounces=1).mean()
+    received = sun_irradiance(1.0, sun.angular_diameter, float(-_SUN[1] / np.linalg.norm(_SUN)))
+    expected = path_traced(device, scene, 2048, FRAME_SIZE, below, max_bounces=64).mean(axis=(0, 1)) * received / lit
     # All cells live until the end and are updated in every frame.
     every = {"world_cache_updates": "all", "world_cache_updates_per_pixel": 1e9, "world_cache_lifetime": 100}
-    settings = {**DEFAULT, **every, "world_cache_cell_size": 0.05, **changed}
-    with make_renderer(device, scene, SIZE, passes=PATHS, **settings) as renderer:
+    settings = {**PATHS_DEFAULT, **every, "world_cache_cell_size": 0.05, **changed}
+    with make_renderer(device, scene, FRAME_SIZE, passes=PATHS, **settings) as renderer:
 
         def observe():
             total = np.zeros(3)
@@ -173,19 +189,19 @@ def test_hit_distances_in_a_room_are_finite(device):
     scene = sv.Scene(sv.Camera.look_at((0, 0, 3), (0, 0, 0), vertical_fov=0.6), sv.PointLight((0, 2, 3), intensity=9.0))
     scene.add(shapes.box((-4, -4, -4), (4, 4, 4), inward=True), matte(0.5))
     scene.add(shapes.sphere(1.0, 5), sv.Material(metallic=1.0, roughness=0.5))
-    with make_renderer(device, scene, SIZE, passes=PATHS, **PLAIN) as renderer:
+    with make_renderer(device, scene, FRAME_SIZE, passes=PATHS, **PLAIN_PATHS) as renderer:
         distances = [renderer.render()[f"paths_{lobe}"][..., 3] for lobe in ("diffuse", "specular") for _ in range(4)]
     assert np.isfinite(distances).all()
     assert np.max(distances) > 3
 
 
 def test_frames_follow_a_sequence(device):
-    hold(measure_sequence(device))
+    require(measure_sequence(device))
 
 
 @pytest.mark.slow
 def test_cells_over_a_shiny_floor(device):
-    hold(measure_cells(device))
+    require(measure_cells(device))
 
 
 # ---- each rule can fail -----------------------------------------------------------------------------
@@ -200,7 +216,7 @@ def brief(kind, device):
 
 @pytest.mark.parametrize("kind", ["one", *(pytest.param(k, marks=pytest.mark.slow) for k in ("several", "cached"))])
 def test_brief_check_holds(device, kind):
-    hold(brief(kind, device))
+    require(brief(kind, device))
 
 
 PATH, VERTEX = "passes/paths/path.glsl", "passes/paths/vertex.glsl"

@@ -2,13 +2,25 @@
 
 import numpy as np
 import pytest
-from support import realtime
-from support.frames import SIZE, find, left_of, settle
-from support.measured import hold
-from support.paths import find_unlit, metal_gallery, observe_paths, trace_centers
-from support.realtime import PATHS, PLAIN, Effort, add_up, make_renderer, run_pictures, trace_reflected
-from support.replication import replicate
+from support.frames import (
+    FRAME_SIZE,
+    PATHS,
+    PLAIN_PATHS,
+    Effort,
+    add_up,
+    make_renderer,
+    observe_paths,
+    observe_runs,
+    path_traced_reflected,
+    render_frames,
+    replicate,
+    share_of_earlier,
+    trace_centers,
+    unlit_pixels,
+)
+from support.scenes import metal_gallery
 from support.seeded_bugs import Bug, bug_tests
+from support.statistics import measure_mean, measure_tiles_t, require
 
 import solari_vk as sv
 from solari_vk.lab.conformance.rules import SUITE, Measurement, Rule
@@ -22,18 +34,18 @@ LESS_NOISE = Rule("reuse takes at least a quarter off the variance of a frame", 
 NO_LAG = Rule("a frame after a block has jumped, reused light contains little of its old shadow", *_PATHS)
 REUSE = {"lighting": "paths", "restir": True}
 MEAN = Rule("frames with reused light are as bright as frames without", *_PATHS)
-RESTIR = {**PLAIN, "restir": True}
+RESTIR = {**PLAIN_PATHS, "restir": True}
 FULL = Effort(16, 24, 64, 8192)
 
 
 def measure_means(device, effort=FULL, scene=None, bar=0.02, **settings):
     """Against the path tracer, for metals that show a lamp, a sun, gloss and mirrors, or for `scene`."""
     scene = scene or metal_gallery()
-    measured = find_unlit(device, scene)
+    measured = unlit_pixels(device, scene)
     expected = trace_centers(device, scene, effort.samples) * measured
     found = observe_paths(device, scene, effort, **{**RESTIR, **settings}) * measured
-    yield realtime.measure_mean(REUSED, found, expected, bar, effort)
-    yield realtime.measure_significance(REUSED_TILES, found, expected)
+    yield measure_mean(REUSED, found, expected, bar, effort)
+    yield measure_tiles_t(REUSED_TILES, found, expected)
 
 
 def measure_noise(device):
@@ -49,19 +61,19 @@ def measure_noise(device):
 def measure_lag(device, runs=24):
     """How much of the picture from before a jump of a block the first frame after it contains."""
     scene = cornell_box()
-    block = find(scene, "short block")
+    block = scene.instances["short block"]
     places, pictures = [place(at=(x, 0.15, 0.0)) for x in (0.0, 0.3)], []
     for block.transform in places:
-        pictures.append(trace_reflected(device, scene, 512))
+        pictures.append(path_traced_reflected(device, scene, 512))
     shown = np.logical_and(*(picture > 0 for picture in pictures))
     before, now = (picture * shown for picture in pictures)
-    with make_renderer(device, scene, SIZE, passes=PATHS, **REUSE) as renderer:
+    with make_renderer(device, scene, FRAME_SIZE, passes=PATHS, **REUSE) as renderer:
 
         def observe():
             for frame in range(13):
                 block.transform = places[frame == 12]
                 picture = add_up(renderer.render(scene.camera))
-            return left_of(before, now, picture)
+            return share_of_earlier(before, now, picture)
 
         found = replicate(renderer, runs, observe)
     note = f"+- {2 * found.std() / runs**0.5:.3f}"
@@ -85,9 +97,9 @@ def lit_by_a_wall():
 def test_what_was_removed_lends_no_light(device, make, name):
     """Without the only lamp, or without the only surface that its light comes from, the next frame is black."""
     scene = make()
-    with make_renderer(device, scene, SIZE, world_cache=False, **REUSE) as renderer:
-        before = add_up(settle(renderer, scene.camera, 8))
-        scene.remove(find(scene, name))
+    with make_renderer(device, scene, FRAME_SIZE, world_cache=False, **REUSE) as renderer:
+        before = add_up(render_frames(renderer, scene.camera, 8))
+        scene.remove(scene.instances[name])
         after = add_up(renderer.render(scene.camera))
     assert (before > 0).mean() > 0.1
     assert not after.any()
@@ -97,7 +109,7 @@ def test_what_was_removed_lends_no_light(device, make, name):
 def test_many_lights(device):
     scene, effort = sv.builtin("many_lights", sphere_count=49, box_count=300), Effort(16, 24, 64)
     without, found = (observe(device, scene, effort, restir) for restir in (False, True))
-    hold([realtime.measure_mean(MEAN, found, without.mean(axis=0), 0.02, effort)])
+    require([measure_mean(MEAN, found, without.mean(axis=0), 0.02, effort)])
 
 
 def coated_floor():
@@ -118,19 +130,19 @@ def coated_floor():
 def measure_coat(device):
     scene, effort = coated_floor(), Effort(16, 8, 16)
     without, found = (observe(device, scene, effort, restir) for restir in (False, True))
-    yield realtime.measure_mean(MEAN, found, without.mean(axis=0), 0.02, effort)
+    yield measure_mean(MEAN, found, without.mean(axis=0), 0.02, effort)
 
 
 @pytest.mark.slow
 def test_smooth_coats_over_rough_surfaces(device):
     """What they mirror is no light that other pixels could take."""
-    hold(measure_coat(device))
+    require(measure_coat(device))
 
 
 def observe(device, scene, effort, restir):
     """The reflected light (runs, h, w, 3) of independent runs."""
-    with make_renderer(device, scene, SIZE, lighting="paths", restir=restir) as renderer:
-        return run_pictures(renderer, scene.camera, effort, add_up)
+    with make_renderer(device, scene, FRAME_SIZE, lighting="paths", restir=restir) as renderer:
+        return observe_runs(renderer, scene.camera, effort, add_up)
 
 
 # Reservoirs keep samples for long and take them from afar, so that bugs add up.
@@ -146,7 +158,7 @@ def stressed(device):
     "measure", [measure_means, stressed, measure_noise, measure_lag], ids=lambda measure: measure.__name__
 )
 def test_rules_hold(device, measure):
-    hold(measure(device))
+    require(measure(device))
 
 
 RESERVOIR = "passes/paths/reservoir.glsl"

@@ -3,10 +3,9 @@
 from statistics import NormalDist
 
 import numpy as np
-from support.bound_scenes import bound
-from support.measured import hold
+from support.frames import bound_scene
 from support.seeded_bugs import Bug, bug_tests, with_shaders
-from support.statistics import chi_squared_p, standard_deviations
+from support.statistics import chi_squared_p, require, standard_deviations
 
 import solari_vk as sv
 from solari_vk.lab.conformance.rules import SUITE, Measurement, Rule
@@ -54,7 +53,7 @@ def measure_tree(shaders):
 
 
 def measure_leaves(shaders, scene, receivers, what):
-    with bound(shaders.device, scene) as binder:
+    with bound_scene(shaders.device, scene) as binder:
         leaves = binder.lights.leaves
         count = leaves.count
         finite = count - len(scene.lights)
@@ -106,7 +105,7 @@ def test_the_path_tracer_chooses_by_the_tree(device):
 
 
 def test_tree(shaders):
-    hold(measure_tree(shaders))
+    require(measure_tree(shaders))
 
 
 TREE = "scene/lights/tree.glsl"

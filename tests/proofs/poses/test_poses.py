@@ -5,12 +5,12 @@ import functools
 
 import numpy as np
 import pytest
-from support.characters import bent, tube
-from support.gltf_writer import GltfWriter
-from support.measured import hold
-from support.oracles import gbuffer
-from support.realtime import GBUFFER, make_renderer
+from oracles.encodings import decode_gbuffer
+from support.files import GltfWriter
+from support.frames import GBUFFER, make_renderer
+from support.scenes import bent_joints, tube
 from support.seeded_bugs import Bug, bug_tests
+from support.statistics import require
 
 import solari_vk as sv
 from solari_vk.base.color import LUMINANCE_WEIGHTS
@@ -138,7 +138,7 @@ def measure_normals(device, way):
     instance.joint_matrices = shear[None]
     expected = np.linalg.inv(shear[:3, :3]).T @ normal
     with make_renderer(device, scene, SIZE, passes=GBUFFER, gbuffer=way) as renderer:
-        found = gbuffer.decode(renderer.render())["normal"][24:40, 16:32]
+        found = decode_gbuffer(renderer.render())["normal"][24:40, 16:32]
     off = np.linalg.norm(found - expected / np.linalg.norm(expected), axis=-1).max()
     yield Measurement(NORMALS, float(off), 2e-3, "of the length", way)
 
@@ -155,7 +155,7 @@ def measure_motion(device, way):
             instance.update(
                 joint_matrices=matrix[None].copy(), morph_weights=[morphed * PIXEL], transform=[moved * PIXEL, 0, 0]
             )
-            motion = gbuffer.decode(renderer.render())["motion"] * SIZE
+            motion = decode_gbuffer(renderer.render())["motion"] * SIZE
             now = np.array((morphed + moved, -up))
             worst, last = max(worst, float(np.abs(motion - (last - now)).max())), now
     yield Measurement(MOTION, worst, MAX_MOTION_ERROR, "pixels off", way)
@@ -174,7 +174,7 @@ def test_renderers_of_a_binder_have_motion_of_their_own(device):
             place = (1.0 + 0.25 * frame) * frame  # in pixels
             instance.morph_weights = [place * PIXEL]
             for renderer in (often, seldom)[: 2 if frame % 3 == 2 else 1]:
-                motion = gbuffer.decode(renderer.render())["motion"] * SIZE
+                motion = decode_gbuffer(renderer.render())["motion"] * SIZE
                 assert np.abs(motion - (shown.get(renderer, place) - place, 0)).max() <= MAX_MOTION_ERROR
                 shown[renderer] = place
     binder.destroy()
@@ -184,13 +184,13 @@ def test_renderers_of_a_binder_have_motion_of_their_own(device):
 
 
 def test_vertices(device):
-    hold(measure_vertices(device))
+    require(measure_vertices(device))
 
 
 @pytest.mark.parametrize("way", ["raster", "traced"])
 def test_normals_and_motion(device, way):
-    hold(measure_normals(device, way))
-    hold(measure_motion(device, way))
+    require(measure_normals(device, way))
+    require(measure_motion(device, way))
 
 
 DEFORM, TRACED = "scene/deform.comp", "passes/gbuffer/gbuffer.glsl"
@@ -248,13 +248,13 @@ def test_the_previous_structure_has_the_previous_pose(device, tmp_path):
     (tmp_path / "passes").mkdir()
     (tmp_path / "passes" / "previous.comp").write_text(PREVIOUS)
     mesh, rest = tube(3)
-    scene = sv.Scene(instance := sv.Instance(mesh, joint_matrices=bent(rest, 0)))
+    scene = sv.Scene(instance := sv.Instance(mesh, joint_matrices=bent_joints(rest, 0)))
     stage = Stage("previous", buffers={"seen": 64}, passes=[Pass("previous", threads=64)])
     with SceneFrame(device, scene, [stage], glsl_root=tmp_path) as frame:
         frame.binder.keep_previous_tlas(frame, True)
         before = None
         for angle in (0.0, 0.3, -0.3, 0.6, 0.6, 0.6):
-            instance.joint_matrices = bent(rest, angle)
+            instance.joint_matrices = bent_joints(rest, angle)
             frame.submit()
             now, previous = frame["seen"].T
             assert 0 < now.sum() < 64
@@ -273,11 +273,11 @@ def baked(scene):
 def test_light_of_emissive_skins(device):
     """Lights whose triangles grow and shrink with the pose: light samples alone give the baked scene's picture."""
     mesh, rest = tube(3, around=6, rings=5)
-    pose = bent(rest, 0.5)
+    pose = bent_joints(rest, 0.5)
     pose[2, 1, 3] += 1.0
     pose[1, :3, [0, 2]] *= 1.7
     glow = sv.Material(base_color=0, emissive=8.0, double_sided=True)
-    lamp = sv.Instance(mesh, glow, joint_matrices=bent(rest, 0))
+    lamp = sv.Instance(mesh, glow, joint_matrices=bent_joints(rest, 0))
     floor = sv.Instance(sv.shapes.quad((0, 0, 0), (0, 0, 4), (4, 0, 0)), matte(0.5))
     scene = sv.Scene(lamp, floor, sv.Instance(sv.shapes.sphere(0.1), sv.Material(emissive=3.0), [2, 1, 0]))
     camera = sv.Camera.look_at((0, 5, 6), (0, 0.5, 0))
@@ -301,7 +301,7 @@ def test_realtime_frames_follow_poses(device):
     picture of the baked scene, where it is now and where it was."""
     mesh, rest = tube(4, around=12, rings=16)
     tubes = [
-        sv.Instance(mesh, matte(color), [x, 0, 0], joint_matrices=bent(rest, 0))
+        sv.Instance(mesh, matte(color), [x, 0, 0], joint_matrices=bent_joints(rest, 0))
         for x, color in ((-0.7, (0.8, 0.3, 0.2)), (0.7, 0.6))
     ]
     lamp = sv.Instance(sv.shapes.quad((0, 4, 1), (1, 0, 0), (0, 0, 1)), sv.Material(emissive=20.0, double_sided=True))
@@ -311,8 +311,8 @@ def test_realtime_frames_follow_poses(device):
         total = 0.0
         for frame in range(100):
             if frame < 36:
-                tubes[0].joint_matrices = bent(rest, 0.012 * frame)
-                tubes[1].joint_matrices = bent(rest, -0.01 * frame, (1, 0, 0))
+                tubes[0].joint_matrices = bent_joints(rest, 0.012 * frame)
+                tubes[1].joint_matrices = bent_joints(rest, -0.01 * frame, (1, 0, 0))
             radiance = renderer.render(CAMERA)["radiance"]
             assert np.isfinite(radiance).all()
             total = total + radiance.astype(np.float64) / 60 * (frame >= 40)
@@ -328,12 +328,12 @@ def test_realtime_frames_follow_poses(device):
 
 def test_many_poses_grow_nothing(device):
     mesh, rest = tube(3, targets=1)
-    instances = [sv.Instance(mesh, joint_matrices=bent(rest, 0), transform=[x, 0, 0]) for x in range(3)]
+    instances = [sv.Instance(mesh, joint_matrices=bent_joints(rest, 0), transform=[x, 0, 0]) for x in range(3)]
     scene = sv.Scene(*instances)
 
     def run(tracer, frames):
         for frame in range(frames):
-            instances[frame % 2].joint_matrices = bent(rest, 0.001 * frame)
+            instances[frame % 2].joint_matrices = bent_joints(rest, 0.001 * frame)
             if frame % 3 == 0:
                 instances[1].morph_weights = [0.001 * frame]
             if frame % 50 == 0:

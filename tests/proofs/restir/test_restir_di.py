@@ -5,13 +5,25 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
-from support import realtime
-from support.direct_light import ALONE, direct_light
-from support.frames import find, path_tracer_at_centers
-from support.measured import hold
-from support.realtime import JITTER_PERIOD, Effort, make_renderer, measure_mean, measure_picture_tiles, trace
+from support.frames import (
+    DIRECT_ONLY,
+    JITTER_PERIOD,
+    Effort,
+    direct_light,
+    make_renderer,
+    observe_runs,
+    path_traced,
+    path_tracer_at_centers,
+)
 from support.seeded_bugs import Bug, bug_tests
-from support.statistics import relative_interval, replicates, sixteenths
+from support.statistics import (
+    compare_runs,
+    measure_mean,
+    measure_picture_tiles,
+    relative_interval,
+    require,
+    tile_means_4x4,
+)
 
 import solari_vk as sv
 from solari_vk.bound.constants import NO_INDEX
@@ -43,7 +55,7 @@ FULL = Profile(96, Effort(16, 24, 4 * JITTER_PERIOD, 2048), BARS)
 
 def find_lit_share(device, scene, side):
     """How much of the lamp a pixel's surface sees (side, side), by rays; NaN where it faces away from it."""
-    light = find(scene, "lamp").mesh.positions.astype(np.float64)
+    light = scene.instances["lamp"].mesh.positions.astype(np.float64)
     random, camera = np.random.default_rng(0), scene.camera
     pixels = np.stack(np.meshgrid(np.arange(side), np.arange(side)), axis=-1)[:, :, None]
     ndc = 2 * (pixels + random.random((side, side, _SHARE_RAYS, 2))) / side - 1
@@ -65,15 +77,15 @@ def trace_direct(device, scene, samples, side):
     Pixels at a lamp's edges are made black, because there the 32 jitter positions of the realtime frame cover a few per
     cent more of the lamp than the whole pixel does.
     """
-    one, none = (trace(device, scene, samples, (side, side), max_bounces=count) for count in (1, 0))
+    one, none = (path_traced(device, scene, samples, (side, side), max_bounces=count) for count in (1, 0))
     shown = (none == 0).all(axis=-1)
     return one * shown[..., None], shown
 
 
 def observe_direct(device, scene, side, effort, **settings):
     """Direct light of independent runs (runs, side, side, 3)."""
-    with make_renderer(device, scene, (side, side), **ALONE, **settings) as renderer:
-        return realtime.run_pictures(renderer, scene.camera, effort, direct_light)
+    with make_renderer(device, scene, (side, side), **DIRECT_ONLY, **settings) as renderer:
+        return observe_runs(renderer, scene.camera, effort, direct_light)
 
 
 def measure_direct(device, profile):
@@ -103,7 +115,7 @@ LITTLE_REUSE = {"di_confidence_cap": 4.0, "di_spatial_radius": 12.0}
 def trace_centers(device, scene, samples):
     """The path tracer's direct light, with all samples at pixel centers, so that edges add no noise."""
     with path_tracer_at_centers():
-        one, none = (trace(device, scene, samples, (SIDE, SIDE), max_bounces=count) for count in (1, 0))
+        one, none = (path_traced(device, scene, samples, (SIDE, SIDE), max_bounces=count) for count in (1, 0))
     return one - none
 
 
@@ -115,7 +127,7 @@ def cornell(device):
 
 
 def renderer_of(device, scene, size=(SIDE, SIDE), **settings):
-    return make_renderer(device, scene, size, **ALONE, **(CENTERS | settings))
+    return make_renderer(device, scene, size, **DIRECT_ONLY, **(CENTERS | settings))
 
 
 def observe(device, scene, observed=16, **settings):
@@ -132,12 +144,12 @@ def assert_within(observations, truth, bar, what=""):
 def test_no_sixteenth_of_a_cornell_box_differs(device, cornell):
     """No tile of 4 x 4 differs from the path tracer."""
     scene, truth, _ = cornell
-    assert replicates(sixteenths(observe(device, scene, 32)), sixteenths(truth), 0.01) == (0, True)
+    assert compare_runs(tile_means_4x4(observe(device, scene, 32)), tile_means_4x4(truth), 0.01) == (0, True)
 
 
 @pytest.mark.slow  # takes two thousand frames
 def test_light_penumbra_and_shadow(device):
-    hold(measure_direct(device, FULL))
+    require(measure_direct(device, FULL))
 
 
 @pytest.mark.slow
@@ -192,7 +204,7 @@ def test_suns_and_lamps_on_a_glossy_floor(device):
     scene = mixed_scene()
     truth = trace_centers(device, scene, 4096)
     observations = observe(device, scene, 96, light_tile_count=128, di_candidates=32, **LITTLE_REUSE)
-    assert replicates(sixteenths(observations), sixteenths(truth), 0.01)[0] == 0
+    assert compare_runs(tile_means_4x4(observations), tile_means_4x4(truth), 0.01)[0] == 0
     for channel in range(3):
         assert_within(observations[..., channel], truth[..., channel], 0.02, f"channel {channel}")
 
@@ -265,7 +277,7 @@ def brief(device):
 
 @pytest.mark.slow
 def test_brief_check_holds(device):
-    hold(brief(device))
+    require(brief(device))
 
 
 test_a_seeded_bug_is_noticed = bug_tests(

@@ -5,8 +5,8 @@ import itertools
 
 import numpy as np
 import pytest
+from oracles.encodings import pcg_hash, pcg_step
 from scipy import stats
-from support.encodings import pcg_hash, pcg_step
 from support.seeded_bugs import Bug, bug_tests, with_shaders
 
 NEITHER = 0xFFFFFFFF

@@ -2,12 +2,9 @@
 
 import numpy as np
 import pytest
-from support import realtime
-from support.measured import hold
-from support.pictures import take_picture
-from support.realtime import SPECULAR, SPLIT, Effort, add_up, make_renderer
+from support.frames import SPECULAR, SPLIT_LIGHTING, Effort, add_up, make_renderer, observe_runs, path_traced_runs
 from support.seeded_bugs import Bug, bug_tests
-from support.statistics import relative_interval
+from support.statistics import measure_mean, measure_tiles_t, relative_interval, require
 
 from solari_vk.bound.constants import NO_INDEX
 from solari_vk.lab.conformance.rules import SUITE, Rule
@@ -22,27 +19,25 @@ SIZE = (48, 48)
 
 def trace_second_bounce(device, scene, samples):
     """16 independent pictures of the path tracer with two bounces minus those with one (16, h, w, 3)."""
-    two, one = (take_picture(device, scene, SIZE, samples, runs=16, max_bounces=n).runs for n in (2, 1))
+    two, one = (path_traced_runs(device, scene, SIZE, samples, runs=16, max_bounces=n).runs for n in (2, 1))
     return two - one
 
 
 def renderer_of(device, scene, size=(32, 32), **settings):
     """A renderer that computes only one bounce of indirect light, without the world cache."""
-    alone = {"passes": SPECULAR, **SPLIT, "world_cache": False, "di": False}
+    alone = {"passes": SPECULAR, **SPLIT_LIGHTING, "world_cache": False, "di": False}
     return make_renderer(device, scene, size, **alone, **settings)
 
 
 def observe_indirect(device, scene, effort, **settings):
     """One bounce of indirect light in independent runs (runs, h, w, 3)."""
     with renderer_of(device, scene, SIZE, **settings) as renderer:
-        return realtime.run_pictures(
-            renderer, scene.camera, effort, lambda frame: add_up(frame, "gi_diffuse", "specular_gi")
-        )
+        return observe_runs(renderer, scene.camera, effort, lambda frame: add_up(frame, "gi_diffuse", "specular_gi"))
 
 
 def compare(found, expected, effort, bar):
-    yield realtime.measure_mean(INDIRECT, found, expected, bar, effort)
-    yield realtime.measure_significance(SIXTEENTHS, found, expected)
+    yield measure_mean(INDIRECT, found, expected, bar, effort)
+    yield measure_tiles_t(SIXTEENTHS, found, expected)
 
 
 def measure_indirect(device, effort, bar):
@@ -63,7 +58,7 @@ def cornell(device):
 
 @pytest.mark.slow
 def test_one_bounce_is_the_path_tracers(device):
-    hold(measure_indirect(device, Effort(16, 24, 256, 8192), 0.0075))
+    require(measure_indirect(device, Effort(16, 24, 256, 8192), 0.0075))
 
 
 @pytest.mark.slow
@@ -79,7 +74,7 @@ def test_each_reuse_alone_is_unbiased(device, cornell, temporal, spatial):
     scene, expected = cornell
     effort = BRIEF if temporal or spatial else Effort(8, 2, 16)  # without reuse frames are independent
     found = observe_indirect(device, scene, effort, gi_temporal=temporal, gi_spatial=spatial)
-    hold(compare(found, expected, effort, 0.04))
+    require(compare(found, expected, effort, 0.04))
 
 
 def test_skipping_smooth_metals_changes_no_light(device):
@@ -121,7 +116,7 @@ def test_reservoirs_name_living_cells_that_hold_their_points(device):
         11: {"world_cache_cells": 1 << 13},
     }
     few = {"world_cache_lifetime": 1, "world_cache_cells": 1 << 14}
-    with make_renderer(device, cornell_box(), **SPLIT, **few) as renderer:
+    with make_renderer(device, cornell_box(), **SPLIT_LIGHTING, **few) as renderer:
         for step in range(14):
             for name, value in changes.get(step, {}).items():
                 setattr(renderer.settings, name, value)
@@ -146,7 +141,7 @@ def brief(device):
 
 @pytest.mark.slow
 def test_brief_check_holds(device):
-    hold(brief(device))
+    require(brief(device))
 
 
 test_a_seeded_bug_is_noticed = bug_tests(

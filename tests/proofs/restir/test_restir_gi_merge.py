@@ -2,7 +2,7 @@
 point is the solid angle in which the first pixel sees it, for any geometry, confidences and occluders."""
 
 import numpy as np
-from support.bound_scenes import bound
+from support.frames import bound_scene
 from support.seeded_bugs import Bug, bug_tests, with_shaders
 
 from solari_vk.scene.builtin import matte
@@ -79,7 +79,7 @@ def merge_all(shaders, worlds):
     for field, values in (("position", "positions"), ("normal", "normals"), ("geometric_normal", "geometric")):
         pixels[field] = np.concatenate([getattr(world, values) for world in worlds])
     cases = np.concatenate(cases)
-    with bound(shaders.device, Scene(Instance(mesh=quad(**BLOCKER), material=matte(0.5)))) as binder:
+    with bound_scene(shaders.device, Scene(Instance(mesh=quad(**BLOCKER), material=matte(0.5)))) as binder:
         outputs = {"merged": len(cases) * CHOICES, "ray_counts": 1}
         inputs = {**binder.resources, "pixels": pixels, "cases": cases}
         found = shaders.run(

@@ -2,8 +2,16 @@
 
 import numpy as np
 import pytest
-from support.encodings import RGB9E5_MAX, encode_rgb9e5, pcg4d, pcg_hash, pcg_output, pcg_step
-from support.oracles.encodings import decode_rgb9e5, rgb9e5_step
+from oracles.encodings import (
+    RGB9E5_MAX,
+    decode_rgb9e5,
+    encode_rgb9e5,
+    pcg4d,
+    pcg_hash,
+    pcg_output,
+    pcg_step,
+    rgb9e5_step,
+)
 from support.seeded_bugs import Bug, bug_tests, with_shaders
 from support.statistics import sidak, uniform_p
 

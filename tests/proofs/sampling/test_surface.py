@@ -3,7 +3,7 @@ meets its own triangle from, at any scale."""
 
 import numpy as np
 import pytest
-from support.bound_scenes import bound
+from support.frames import bound_scene
 from support.seeded_bugs import Bug, bug_tests, with_shaders
 
 from solari_vk.scene.model import Instance, Material, Mesh, Scene, Texture, TextureImage
@@ -97,7 +97,7 @@ def test_broken_meshes_resolve_to_numbers(shaders):
     vectors[:, 0, 2] = rng.choice([0, 1e-3, 1, 1e9], count)
     vectors[:, 1, :2] = rng.random((count, 2)) / 2
     vectors[:, 2] = unit(rng.normal(size=(count, 3)) * rng.choice([1, 1, 0], (count, 3)) + (0, 0, 1e-9))
-    with bound(shaders.device, Scene(*(Instance(mesh=mesh, material=material) for mesh in meshes))) as binder:
+    with bound_scene(shaders.device, Scene(*(Instance(mesh=mesh, material=material) for mesh in meshes))) as binder:
         out = run(shaders, 3, vectors, binder.resources)
     broken = ~np.isfinite(out).all(axis=(1, 2))
     assert not broken.any(), f"meshes {set((np.flatnonzero(broken) % len(meshes)).tolist())}: {out[broken][0]}"
@@ -141,7 +141,7 @@ def test_offsets(shaders, scale):
     rng, count = np.random.default_rng(2), RAYS * len(KINDS)
     scene = Scene(*(instance for kind in KINDS for instance in make_instances(kind, scale, rng)))
     header = f"const uint GROUP_COUNT = {len(KINDS)}u; const uint GROUP_SIZE = {GROUP_SIZE}u;"
-    with bound(shaders.device, scene) as binder:
+    with bound_scene(shaders.device, scene) as binder:
         out = shaders.run("test/offsets", count, binder.resources, {"counts": count}, header=header)["counts"]
     own, ends, relative, broken = out.reshape(RAYS, len(KINDS), 4).transpose(2, 1, 0)
     assert not broken.any()

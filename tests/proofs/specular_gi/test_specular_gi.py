@@ -5,13 +5,11 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
-from support.frames import find
-from support.measured import hold
-from support.oracles.closed_forms import camera_rays
-from support.paths import metal_gallery
-from support.pictures import take_picture
-from support.realtime import GBUFFER, SMALL, SPLIT, Effort, make_renderer, measure_mean, run_pictures
+from oracles.cameras import camera_rays
+from support.frames import GBUFFER, SMALL, SPLIT_LIGHTING, Effort, make_renderer, observe_runs, path_traced_runs
+from support.scenes import metal_gallery
 from support.seeded_bugs import Bug, bug_tests
+from support.statistics import measure_mean, require
 
 import solari_vk as sv
 from solari_vk.lab.conformance.rules import SUITE, Measurement, Rule
@@ -30,7 +28,7 @@ CAMERA_LOBE = Rule("Solari's rule: a path from a mirror ends when a matte wall h
 CAMERA_LENGTH = Rule("Solari's rule: a path continues after a ray shorter than sqrt(3) cells", *_SPECULAR)
 # Without cache, reuse and lights left to DI, the pass is an unbiased path tracer of the specular lobe.
 UNBIASED = {
-    **SPLIT,
+    **SPLIT_LIGHTING,
     "gbuffer": "traced",
     "world_cache": False,
     "specular_bounces": 16,
@@ -58,10 +56,10 @@ def read(frame):
 def compare(device, scene, side, frames, samples):
     """16 runs of this many frames, less as many independent pictures of the path tracer, plus their mean; and that
     mean (side, side, 3)."""
-    truth = take_picture(device, scene, (side, side), samples, runs=16).runs.astype(np.float64)
+    truth = path_traced_runs(device, scene, (side, side), samples, runs=16).runs.astype(np.float64)
     effort = Effort(16, 0, frames)
     with make(device, scene, (side, side)) as renderer:
-        found = run_pictures(renderer, scene.camera, effort, read)
+        found = observe_runs(renderer, scene.camera, effort, read)
     return found - truth + truth.mean(axis=0), truth.mean(axis=0), effort
 
 
@@ -125,7 +123,7 @@ def _count_rays(device, perceptual_roughness, **settings):
     wall = sv.Instance(mesh=shapes.quad((0, 0, -1.9), (2, 0, 0), (0, 2, 0)), material=metal)
     # "finest", so that no path goes on because of a divided cell.
     chosen = sv.Settings(
-        **{**SMALL, **SPLIT, **settings},
+        **{**SMALL, **SPLIT_LIGHTING, **settings},
         specular_bounces=8,
         specular_reuse_roughness=1.0,
         world_cache_leak_prevention="finest",
@@ -172,7 +170,7 @@ def test_a_flat_mirror_shows_the_mirrored_cameras_picture(device):
     left_to_di = show(device, scene, camera, size, specular_di_roughness=0.0, specular_reuse_roughness=0.0)
     mirrored = np.diag((1, 1, -1, 1)) @ camera.transform @ np.diag((-1, 1, 1, 1))  # flipped in x to stay a rotation
     mirrored[2, 3] -= 4.0
-    scene.remove(find(scene, "mirror"))
+    scene.remove(scene.instances["mirror"])
     with sv.PathTracer(device, scene, size) as tracer:
         tracer.render(Camera(transform=mirrored, vertical_fov=1.2, near=0.01), samples=1)
         emissive = tracer["emissive"][:, ::-1]
@@ -229,7 +227,7 @@ def test_a_glowing_box_of_metal(device):
     walls = next(iter(scene))
     walls.material.update(base_color=rgb(0.5), metallic=1.0, perceptual_roughness=0.3)
     found, truth, effort = compare(device, scene, 16, 8, 400)
-    hold([measure_mean(METAL, found + 1.0, truth, 0.01, effort)])
+    require([measure_mean(METAL, found + 1.0, truth, 0.01, effort)])
 
 
 # ---- each rule holds, and can fail ------------------------------------------------------------------
@@ -246,7 +244,7 @@ def camera_spread(device):
 @pytest.mark.slow
 @pytest.mark.parametrize("measure", [spread, camera_spread, measure_gallery])
 def test_rules_hold(device, measure):
-    hold(measure(device))
+    require(measure(device))
 
 
 TRACE, LOBE = "passes/solari019/specular_gi/trace.comp", "passes/solari019/specular_gi/cone_spread.glsl"

@@ -2,10 +2,8 @@
 
 import numpy as np
 import pytest
-from support.frames import find, left_of, settle
-from support.pictures import take_picture
-from support.realtime import SPLIT, make_renderer
-from support.statistics import sixteenths
+from support.frames import SPLIT_LIGHTING, make_renderer, path_traced_runs, render_frames, share_of_earlier
+from support.statistics import tile_means_4x4
 
 import solari_vk as sv
 from solari_vk.output.compare import relative_mse, true_relative_mse
@@ -44,13 +42,13 @@ SIZE_OF_ERRORS = (96, 96)
 @pytest.fixture(scope="module")
 def references(device):
     """Two pictures of the Cornell box with independent noise."""
-    return take_picture(device, cornell_box(), SIZE_OF_ERRORS, 128, runs=2, seed=99).runs
+    return path_traced_runs(device, cornell_box(), SIZE_OF_ERRORS, 128, runs=2, seed=99).runs
 
 
 def settled(device, upscale=1):
     """The picture of the Cornell box after 48 frames, and the same frame's samples."""
     with make(device, cornell_box(), SIZE_OF_ERRORS, upscale=upscale) as renderer:
-        frame = settle(renderer, None, 48)
+        frame = render_frames(renderer, None, 48)
         return read(frame), read(frame, "sample_radiance")
 
 
@@ -97,13 +95,13 @@ def checkerboard(pixels):
 def test_the_mean_is_that_of_the_samples(device):
     """The mean of settled pictures over that of their samples: as a whole, and in the worst of 16 tiles."""
     with make(device, builtin("mirror_hall")) as renderer:
-        settle(renderer, None, 32)
+        render_frames(renderer, None, 32)
         samples, picture = np.zeros((2, *SIZE, 3))
         for _ in range(32):
             frame = renderer.render()
             samples += read(frame, "sample_radiance")
             picture += read(frame)
-    tiles = sixteenths(picture).mean(axis=-1) / sixteenths(samples).mean(axis=-1) - 1
+    tiles = tile_means_4x4(picture).mean(axis=-1) / tile_means_4x4(samples).mean(axis=-1) - 1
     total = picture.sum() / samples.sum() - 1
     print(f"mean {total:+.4f}, tiles {np.abs(tiles).max():.4f}")
     assert abs(total) < 0.01
@@ -134,7 +132,7 @@ def test_what_a_moving_block_uncovers(device):
 
     put(0)
     with make(device, scene) as renderer:
-        settle(renderer, None, 32)
+        render_frames(renderer, None, 32)
         for step in range(1, 25):
             put(step)
             frame = renderer.render()
@@ -150,7 +148,7 @@ def test_what_a_moving_block_uncovers(device):
     left, uncovered = masks[8] & ~covered, masks[2] & ~covered
     never = np.zeros(SIZE, bool)
     never[4:20, 4:-4] = True
-    trail = left_of(pictures[8][left], truth[left], picture[left])
+    trail = share_of_earlier(pictures[8][left], truth[left], picture[left])
     found, usual = relative_mse(picture[uncovered], truth[uncovered]), relative_mse(samples[never], truth[never])
     print(f"trail {trail:+.4f}, uncovered {found:.5f}, samples {usual:.5f}")
     assert abs(trail) < 0.05
@@ -175,7 +173,7 @@ def test_edges_in_mirrors(device):
     found, right = (image[16:48].mean(axis=(0, 2)).sum() for image in (picture, truth))
     high, low = truth[16:48].mean(axis=(0, 2)).max(), truth[16:48].mean(axis=(0, 2)).min()
     off = abs(found - right) / (high - low)
-    print(f"edge off by {off:.3f} pixels; contrast {left_of(truth, truth.mean(), picture):.3f}")
+    print(f"edge off by {off:.3f} pixels; contrast {share_of_earlier(truth, truth.mean(), picture):.3f}")
     assert off < 0.25
 
 
@@ -204,7 +202,7 @@ def test_a_camera_that_moves_leaves_no_edges_behind(device, upscale):
 # ---- sizes, cuts, hard input ------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("settings", [{}, SPLIT], ids=["paths", "split"])
+@pytest.mark.parametrize("settings", [{}, SPLIT_LIGHTING], ids=["paths", "split"])
 @pytest.mark.slow
 def test_off_is_the_frame_of_samples(device, settings):
     """Without antialiasing the picture is the samples, bit by bit; with it, the samples are the same. The switch is
@@ -217,8 +215,8 @@ def test_off_is_the_frame_of_samples(device, settings):
             assert found["sample_radiance"].tobytes() == plain["sample_radiance"].tobytes()
         assert found["radiance"].tobytes() != plain["radiance"].tobytes()
         on.settings.antialiasing = False
-        find(scene, "lamp").material.emissive = (100.0, 80.0, 60.0)
-        frame = settle(on, None, 8)
+        scene.instances["lamp"].material.emissive = (100.0, 80.0, 60.0)
+        frame = render_frames(on, None, 8)
         assert frame["radiance"].tobytes() == frame["sample_radiance"].tobytes()
         on.settings.antialiasing = True
         frame = on.render()
@@ -234,7 +232,7 @@ def test_sizes(device, size, upscale):
             renderer.resize((width, height))
             rendered = -int(-height // upscale), -int(-width // upscale)
             assert renderer.render_size == rendered[::-1]
-            frame = settle(renderer, None, 5)
+            frame = render_frames(renderer, None, 5)
             assert np.isfinite(read(frame)).all()
             assert frame["radiance"].shape == (height, width, 3)
             assert frame["display"].shape[:2] == frame["depth"].shape == (height, width)
@@ -244,12 +242,12 @@ def test_sizes(device, size, upscale):
 def test_upscale_is_live(device):
     scene = cornell_box()
     with make(device, scene) as renderer, make(device, scene, upscale=2) as other:
-        settle(renderer, None, 3)
+        render_frames(renderer, None, 3)
         renderer.settings.upscale = 2
         renderer.view = "shading_normal"
         assert renderer.render()["display"].shape == (*SIZE, 4)
         renderer.view = "picture"
-        found, right = read(settle(renderer, None, 20)), read(settle(other, None, 24))
+        found, right = read(render_frames(renderer, None, 20)), read(render_frames(other, None, 24))
     assert relative_mse(found, right) < 0.1
 
 
@@ -259,7 +257,7 @@ def test_exposure_changes_nothing(device):
         scene = checkerboard(1.5)
         scene.camera.ev100 = ev100
         with make(device, scene) as renderer:
-            pictures.append(read(settle(renderer, None, 4)))
+            pictures.append(read(render_frames(renderer, None, 4)))
     assert relative_mse(*pictures) < 1e-4
 
 
@@ -267,8 +265,8 @@ def test_the_cameras_own_jitter_moves_the_picture(device):
     """A camera whose jitter is 3 pixels shows the picture moved by 3 pixels, in one frame as over many."""
     scene = checkerboard(6.0)
     with make(device, scene) as renderer:
-        still = read(settle(renderer, None, 32))
+        still = read(render_frames(renderer, None, 32))
         scene.camera.jitter = (3, 0)
         picture = read(renderer.render())
     inside = slice(8, -8)
-    assert left_of(still[inside, 11:-5], still.mean(), picture[inside, 8:-8]) == pytest.approx(1, abs=0.1)
+    assert share_of_earlier(still[inside, 11:-5], still.mean(), picture[inside, 8:-8]) == pytest.approx(1, abs=0.1)

@@ -2,9 +2,10 @@
 
 import numpy as np
 import pytest
-from support.given_light import SIZE, moved, rendering, wall
-from support.measured import hold
+from support.frames import frames_of_known_light
+from support.scenes import WALL_SIZE, camera_moved_by, white_wall
 from support.seeded_bugs import Bug, bug_tests
+from support.statistics import require
 
 from solari_vk.lab.conformance.rules import SUITE, Measurement, Rule
 
@@ -31,9 +32,9 @@ def _picture(device, light, frames=SETTLED, step=0.0, upscale=1.0):
     """The picture (h, w) of samples with this light, a GLSL expression, after some frames, in which the camera moves to
     the right by `step` pixels a frame."""
     body, settings = _GIVEN.format(light=light), {"antialiasing": True, "jitter": True, "upscale": upscale}
-    with rendering(device, wall(), SAMPLES, "load_sample", body, PASSES, **settings) as renderer:
+    with frames_of_known_light(device, white_wall(), SAMPLES, "load_sample", body, PASSES, **settings) as renderer:
         for number in range(frames):
-            frame = renderer.render(moved(step * number))
+            frame = renderer.render(camera_moved_by(step * number))
         return np.asarray(frame["radiance"], np.float64)[..., 1]
 
 
@@ -51,7 +52,7 @@ def measure_even_light(device):
 
 def measure_areas(device):
     """An edge that crosses pixels at an angle, and stripes 1.5 pixels wide: bright 3, dark 1."""
-    y, x = np.indices((SIZE[1], SIZE[0]))
+    y, x = np.indices((WALL_SIZE[1], WALL_SIZE[0]))
     fine = (np.arange(64) + 0.5) / 64
     columns, rows = x[..., None, None] + fine, y[..., None, None] + fine[:, None]
     patterns = (
@@ -110,7 +111,7 @@ MEASURES = (measure_even_light, measure_motion, measure_changes, measure_noise, 
     "measure", [*MEASURES, pytest.param(measure_areas, marks=pytest.mark.slow)], ids=lambda measure: measure.__name__
 )
 def test_rules_hold(device, measure):
-    hold(measure(device))
+    require(measure(device))
 
 
 HISTORY = "passes/taa/history.glsl"

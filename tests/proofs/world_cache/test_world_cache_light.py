@@ -7,13 +7,11 @@ import math
 import numpy as np
 import pytest
 from cache_frames import CacheFrame
-from support.frames import find
-from support.lamp_over_floor import LAMP_CORNERS, LAMP_RADIANCE, floor_scene, lamp_above
-from support.measured import hold
-from support.oracles import closed_forms
-from support.realtime import SPLIT, add_up, make_renderer, trace
+from oracles.light import polygon_irradiance
+from support.frames import SPLIT_LIGHTING, add_up, make_renderer, path_traced
+from support.scenes import LAMP_CORNERS, LAMP_RADIANCE, floor_scene, lamp_above
 from support.seeded_bugs import Bug, bug_tests, with_shaders
-from support.statistics import relative_interval
+from support.statistics import relative_interval, require
 
 import solari_vk as sv
 from solari_vk.lab.conformance.rules import SUITE, Measurement, Rule
@@ -184,7 +182,7 @@ def test_cells_double_with_distance(shaders):
 def light_behind_a_wall(device, prevention="divided", x=0.0):
     """The mean light of queries behind a wall at x, while all light is in front of the wall."""
     scene = sv.builtin("thin_wall")
-    find(scene, "wall").transform = place(at=(x, 0, 0))
+    scene.instances["wall"].transform = place(at=(x, 0, 0))
     before, behind = (sv.Camera.look_at((eye, 1.0, 0.0), (2 * eye, 1, 0)) for eye in (-0.7, 0.7))
     with CacheFrame(device, scene, settings(world_cache_leak_prevention=prevention)) as frame:
         for _ in range(15):
@@ -209,8 +207,8 @@ def measure_leak(device, walls=WALLS, **settings):
     """The light that leaks through a wall of 2 cm, for walls on the grid of the cells and within cells."""
     for x, turn, bar in walls:
         scene, size = sv.builtin("thin_wall"), (32, 32)
-        find(scene, "wall").transform = place((1.0, 1.0, 4.0 if turn else 1.0), (x, 0, 0), math.radians(turn))
-        dark = trace(device, scene, 64, size).max(axis=-1) == 0
+        scene.instances["wall"].transform = place((1.0, 1.0, 4.0 if turn else 1.0), (x, 0, 0), math.radians(turn))
+        dark = path_traced(device, scene, 64, size).max(axis=-1) == 0
         dark[:, : size[0] // 2] = False  # the black pixels of this half show the outside of the room
         with make_renderer(device, scene, size, **settings) as renderer:
             for _ in range(24):
@@ -223,9 +221,9 @@ def measure_leak(device, walls=WALLS, **settings):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("lighting", [{}, SPLIT], ids=["paths", "split"])
+@pytest.mark.parametrize("lighting", [{}, SPLIT_LIGHTING], ids=["paths", "split"])
 def test_walls_keep_light_from_frames(device, lighting):
-    hold(measure_leak(device, **lighting))
+    require(measure_leak(device, **lighting))
 
 
 # ---- cells of a floor under lamps -------------------------------------------------------------------
@@ -257,7 +255,7 @@ def measure_cells(device, corners):
     settled = (cells["irradiance"][:, 3] >= 8) & (low < 0.01) & (low + size > -0.01)
     bounds = cells["bounds"][settled].astype(np.float64)
     floors = np.column_stack([bounds[:, 0], np.zeros(len(bounds)), bounds[:, 2]]) + bounds[:, 3:] * (0.5, 0, 0.5)
-    received = closed_forms.polygon_irradiance(floors, np.tile(UP, (len(floors), 1)), corners, 1.0)
+    received = polygon_irradiance(floors, np.tile(UP, (len(floors), 1)), corners, 1.0)
     expected = received[:, None] * LAMP_RADIANCE
     return cells["irradiance"][settled, :3] / expected, expected
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from cache_frames import QUERY, SIZE, MapFrame
-from support.encodings import pcg4d, pcg_hash
+from oracles.encodings import pcg4d, pcg_hash
 from support.seeded_bugs import Bug, bug_tests
 
 from solari_vk.bound.constants import NO_INDEX

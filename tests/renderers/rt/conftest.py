@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from support.memory import leaves_nothing
-from support.structures import CENTER, DOWN, quad
+from support.frames import leaves_nothing
+from support.scenes import ABOVE_QUAD, DOWN, quad_corners
 
 from solari_vk import rt
 from solari_vk.lab.conformance import bulk_checks
@@ -22,7 +22,7 @@ def shaders(device):
         for _ in range(8):
             rt.build_acceleration_structures(device, (), [rt.TlasPackage(nothing, [None])])
         for _ in range(2):  # frames have two slots
-            bulk_checks.trace(runner, nothing, CENTER, DOWN)
+            bulk_checks.trace(runner, nothing, ABOVE_QUAD, DOWN)
         nothing.destroy()
         yield runner
 
@@ -39,13 +39,13 @@ class World:
         return item
 
     def blas(self, geometries=None, **options):
-        return self.keep(rt.create_blas(self.device, geometries or [rt.Triangles(quad())], **options))
+        return self.keep(rt.create_blas(self.device, geometries or [rt.Triangles(quad_corners())], **options))
 
     def tlas(self, max_instances=4, **options):
         return self.keep(rt.create_tlas(self.device, max_instances, **options))
 
     def entry(self, blas, *geometries):
-        return rt.BlasBuildEntry(blas, geometries or [rt.Triangles(quad())])
+        return rt.BlasBuildEntry(blas, geometries or [rt.Triangles(quad_corners())])
 
     def build(self, blases=(), tlases=()):
         return rt.build_acceleration_structures(self.device, blases, tlases)
@@ -56,7 +56,7 @@ class World:
         buffer.upload(data)
         return buffer
 
-    def trace(self, tlas, origins=CENTER, directions=DOWN, **options):
+    def trace(self, tlas, origins=ABOVE_QUAD, directions=DOWN, **options):
         """The closest hits; t < 0 is a miss. See `conformance.bulk_checks.trace`."""
         return bulk_checks.trace(self._shaders, tlas, origins, directions, **options)
 

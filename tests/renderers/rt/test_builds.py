@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from support.structures import CENTER, quad, shifted
+from support.scenes import ABOVE_QUAD, quad_corners, translation
 
 from solari_vk import rt
 from solari_vk.gpu.acceleration.structure import UpdateMode
@@ -24,17 +24,17 @@ def test_several_geometries_of_every_format(world):
     index = np.array([[0, 1, 2], [0, 2, 3]])
     strided = np.full((4, 7), np.nan, np.float32)
     strided[:, :3] = CORNERS + np.array([6, 0, 0])
-    up = rt.BufferSlice(world.buffer(shifted(0, 0, 1)), 1)
+    up = rt.BufferSlice(world.buffer(translation(0, 0, 1)), 1)
     geometries = [
-        rt.Triangles(quad()),
+        rt.Triangles(quad_corners()),
         rt.Triangles(CORNERS + np.array([2, 0, 0]), index.astype(np.uint16)),
-        rt.Triangles(CORNERS, index.astype(np.uint32), transform=shifted(4, 0, -0.5)),
+        rt.Triangles(CORNERS, index.astype(np.uint32), transform=translation(4, 0, -0.5)),
         rt.Triangles(
             rt.BufferSlice(world.buffer(strided), 4, stride=28),
             rt.BufferSlice(world.buffer([9, *index.ravel()], np.uint16), 6, offset=2),
             index_dtype=np.uint16,
         ),
-        rt.Triangles(rt.BufferSlice(world.buffer(quad(8)), 6), transform=up),
+        rt.Triangles(rt.BufferSlice(world.buffer(quad_corners(8)), 6), transform=up),
     ]
     hits = world.trace(top_of(world, geometries, custom_data=0xFFFFFF), [[2 * i + 0.6, 0.3, 5] for i in range(6)])
     assert hits["t"] == pytest.approx([5, 5, 5.5, 5, 4, -1])
@@ -43,9 +43,12 @@ def test_several_geometries_of_every_format(world):
 
 
 def test_geometry_flags(world):
-    geometries = [rt.Triangles(quad(), opaque=False), rt.Triangles(quad(2), opaque=False, no_duplicate_any_hit=True)]
+    geometries = [
+        rt.Triangles(quad_corners(), opaque=False),
+        rt.Triangles(quad_corners(2), opaque=False, no_duplicate_any_hit=True),
+    ]
     tlas = top_of(world, geometries)
-    origins = [CENTER, CENTER + np.array([2, 0, 0])]
+    origins = [ABOVE_QUAD, ABOVE_QUAD + np.array([2, 0, 0])]
     assert world.trace(tlas, origins)["t"].tolist() == [5, 5]
     assert world.trace(tlas, origins, flags=rt.RayFlags.CULL_NO_OPAQUE)["t"].tolist() == [-1, -1]
 
@@ -66,12 +69,12 @@ def test_instances(world):
     blas, tlas = world.blas(), world.tlas(9)
     world.build([world.entry(blas)])
     items = [
-        rt.TlasInstance(blas, shifted(2 * i), custom_data=10 * i, mask=1 << i, flags=rt.InstanceFlags.NONE)
+        rt.TlasInstance(blas, translation(2 * i), custom_data=10 * i, mask=1 << i, flags=rt.InstanceFlags.NONE)
         for i in range(7)
     ]
     # None is the last, for Mesa 26.2; tests of docs/driver_faults.md have it before others.
-    world.build((), [rt.TlasPackage(tlas, [*items, rt.TlasInstance(blas, shifted(16)), None])])
-    origins = CENTER + np.array([[2 * i, 0, 0] for i in range(9)])
+    world.build((), [rt.TlasPackage(tlas, [*items, rt.TlasInstance(blas, translation(16)), None])])
+    origins = ABOVE_QUAD + np.array([[2 * i, 0, 0] for i in range(9)])
     hits = world.trace(tlas, origins)
     assert hits["t"].tolist() == [5] * 7 + [-1, 5]
     there = hits["t"] > 0
@@ -82,11 +85,11 @@ def test_instances(world):
 
 def test_instances_in_arrays_are_the_same(world):
     blas, tops = world.blas(), [world.tlas(50), world.tlas(50)]
-    transforms = np.array([shifted(2 * i, 0, 0.1 * i) for i in range(50)])
+    transforms = np.array([translation(2 * i, 0, 0.1 * i) for i in range(50)])
     one_by_one = [rt.TlasInstance(blas, transform, i, 0xF0 | i % 16) for i, transform in enumerate(transforms)]
     arrays = rt.TlasInstances(blas, transforms, np.arange(50), 0xF0 | np.arange(50) % 16)
     world.build([world.entry(blas)], map(rt.TlasPackage, tops, [one_by_one, arrays]))
-    hits = [world.trace(top, CENTER + transforms[:, :, 3]) for top in tops]
+    hits = [world.trace(top, ABOVE_QUAD + transforms[:, :, 3]) for top in tops]
     assert (hits[0]["t"] > 0).all()
     assert np.array_equal(hits[0], hits[1])
 
@@ -95,9 +98,9 @@ def test_facing_flags_of_instances(world):
     blas, tlas = world.blas(), world.tlas(4)
     flags = rt.InstanceFlags
     kinds = [flags.NONE, flags.FACING_CULL_DISABLE, flags.FLIP_FACING, flags.FORCE_NO_OPAQUE]
-    items = [rt.TlasInstance(blas, shifted(2 * i), flags=kind) for i, kind in enumerate(kinds)]
+    items = [rt.TlasInstance(blas, translation(2 * i), flags=kind) for i, kind in enumerate(kinds)]
     world.build([world.entry(blas)], [rt.TlasPackage(tlas, items)])
-    origins = CENTER + np.array([[2 * i, 0, 0] for i in range(4)])
+    origins = ABOVE_QUAD + np.array([[2 * i, 0, 0] for i in range(4)])
     for ray_flags, seen in (
         (rt.RayFlags.CULL_FRONT_FACING, [False, True, True, False]),
         (rt.RayFlags.CULL_BACK_FACING, [True, True, False, True]),
@@ -130,8 +133,8 @@ def test_update_modes_and_the_rebuild_hint(world, modes):
     for i in range(6):
         height = float(i)
         world.build(
-            [world.entry(blas, rt.Triangles(quad(0, 0, height)))],
-            [rt.TlasPackage(tlas, [rt.TlasInstance(blas, shifted(3 * i))])],
+            [world.entry(blas, rt.Triangles(quad_corners(0, 0, height)))],
+            [rt.TlasPackage(tlas, [rt.TlasInstance(blas, translation(3 * i))])],
         )
         hits = world.trace(tlas, [[3 * i + 0.6, 0.3, 9], [3 * i + 3.6, 0.3, 9]])
         assert hits["t"] == pytest.approx([9 - height, -1])
@@ -163,7 +166,7 @@ def test_fewer_and_none(world):
     blas = world.blas([rt.TriangleSize(60)])
     tlas = world.tlas(2)
     for count in (10, 1, 0, 10):
-        positions = np.concatenate([quad(2 * i) for i in range(10)])[: 6 * count]
+        positions = np.concatenate([quad_corners(2 * i) for i in range(10)])[: 6 * count]
         instances = [rt.TlasInstance(blas)] if count else []
         world.build([world.entry(blas, rt.Triangles(positions))], [rt.TlasPackage(tlas, instances)])
         hits = world.trace(tlas, [[2 * i + 0.6, 0.3, 1] for i in range(10)])
@@ -195,11 +198,11 @@ def test_compaction_by_callback_and_by_polling(world, device, monkeypatch):
     assert (compacted.compacted, blas.compacted) == (True, False)
     assert (compacted.size, compacted.built_size, blas.size) == (needed, needed, needed + 50_000)
     assert repr(blas).count("quad") == repr(blas).count(f"{blas.size:,} bytes") == 1
-    world.build([world.entry(blas, rt.Triangles(quad(40)))])
+    world.build([world.entry(blas, rt.Triangles(quad_corners(40)))])
     assert not blas.ready_for_compaction
     blas.destroy()
-    world.build((), [rt.TlasPackage(tlas, [rt.TlasInstance(compacted, shifted(1))])])
-    assert world.trace(tlas, CENTER + np.array([1, 0, 0]))["t"] == pytest.approx([5])
+    world.build((), [rt.TlasPackage(tlas, [rt.TlasInstance(compacted, translation(1))])])
+    assert world.trace(tlas, ABOVE_QUAD + np.array([1, 0, 0]))["t"] == pytest.approx([5])
 
 
 def test_a_rebuild_cancels_a_pending_compaction(world, built, monkeypatch):

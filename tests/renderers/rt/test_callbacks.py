@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from support.structures import quad
+from support.scenes import quad_corners
 
 import solari_vk as sv
 from solari_vk import rt
@@ -53,7 +53,7 @@ def test_callbacks_never_run_inside_a_device_call(world, built, monkeypatch):
     monkeypatch.setattr(uploads, "FLUSH_SIZE", 4)
     monkeypatch.setattr(sv.Device, "idle", False)  # else a mapped buffer is written at once
     other, buffer = world.blas(), world.buffer([1, 2, 3])
-    at = TriangleGeometry(world.buffer(quad()).address, 6, 2)
+    at = TriangleGeometry(world.buffer(quad_corners()).address, 6, 2)
     for name, call in calls.items():
         blas.prepare_compaction(lambda: told.append(bool(inside)))
         device.await_value(device.submitted)
@@ -143,8 +143,8 @@ def test_a_callback_may_compact_build_wait_and_prepare_anew(world, built):
 def test_callbacks_of_a_closed_device_are_dropped(any_device):
     told = []
     with sv.Device(validation=True) as device:
-        blas = rt.create_blas(device, [rt.Triangles(quad())])
-        rt.build_acceleration_structures(device, [rt.BlasBuildEntry(blas, [rt.Triangles(quad())])])
+        blas = rt.create_blas(device, [rt.Triangles(quad_corners())])
+        rt.build_acceleration_structures(device, [rt.BlasBuildEntry(blas, [rt.Triangles(quad_corners())])])
         blas.prepare_compaction(lambda: told.append(1))
         device.await_value(device.submitted)
     assert told == []

@@ -6,8 +6,8 @@ The conformance suite proves queries that break no rule, and invalid rays.
 from __future__ import annotations
 
 import pytest
+from support.scenes import quad_corners, translation
 from support.seeded_bugs import Bug, seeded
-from support.structures import quad, shifted
 
 from solari_vk import rt
 from solari_vk.base.errors import SolariError
@@ -96,11 +96,15 @@ def run_case(tmp_path_factory):
         (folder / f"passes/{name}.comp").write_text(SHADER % "\n".join(lines))
 
     def make_tlas(device):
-        geometries = [rt.Triangles(quad()), rt.Triangles(quad(), opaque=False), rt.Aabbs([[0, 0, 0, 1, 1, 1]])]
+        geometries = [
+            rt.Triangles(quad_corners()),
+            rt.Triangles(quad_corners(), opaque=False),
+            rt.Aabbs([[0, 0, 0, 1, 1, 1]]),
+        ]
         blases = [rt.create_blas(device, [geometry]) for geometry in geometries]
         tlas = rt.create_tlas(device, 3)
         entries = [rt.BlasBuildEntry(blas, [geometry]) for blas, geometry in zip(blases, geometries, strict=True)]
-        items = [rt.TlasInstance(blas, shifted(x)) for blas, x in zip(blases, (0, 2, 6), strict=True)]
+        items = [rt.TlasInstance(blas, translation(x)) for blas, x in zip(blases, (0, 2, 6), strict=True)]
         rt.build_acceleration_structures(device, entries, [rt.TlasPackage(tlas, items)])
         made.extend([*blases, tlas])
         return tlas

@@ -6,7 +6,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from support.structures import quad, shifted
+from support.scenes import quad_corners, translation
 
 import solari_vk as sv
 from solari_vk import rt
@@ -27,16 +27,19 @@ def top(tlas, *blases):
 # ---- arguments --------------------------------------------------------------------------------------
 
 VALID = [  # a call and its valid arguments, of which each is replaced by one of a wrong kind
-    (rt.TlasInstance, lambda s: {"blas": s.blas, "transform": shifted(), "custom_data": 0, "mask": 0, "flags": 0}),
-    (rt.TlasInstances, lambda s: {"blases": s.blas, "transforms": [shifted()], "custom_data": 0, "flags": 0}),
-    (rt.BlasBuildEntry, lambda s: {"blas": s.blas, "geometries": [rt.Triangles(quad())]}),
+    (rt.TlasInstance, lambda s: {"blas": s.blas, "transform": translation(), "custom_data": 0, "mask": 0, "flags": 0}),
+    (rt.TlasInstances, lambda s: {"blases": s.blas, "transforms": [translation()], "custom_data": 0, "flags": 0}),
+    (rt.BlasBuildEntry, lambda s: {"blas": s.blas, "geometries": [rt.Triangles(quad_corners())]}),
     (rt.TlasPackage, lambda s: {"tlas": s.tlas, "instances": ()}),
     (rt.build_acceleration_structures, lambda s: {"device": s.device, "blases": (), "tlases": ()}),
     (rt.create_blas, lambda s: {"device": s.device, "geometries": [SIX], "allow_compaction": False, **OPTIONS}),
     (rt.create_tlas, lambda s: {"device": s.device, "max_instances": 1, **OPTIONS}),
     (rt.TriangleSize, lambda s: {"vertex_count": 3, "index_count": 3, "index_dtype": "u2", "has_transform": True}),
     (rt.AabbSize, lambda s: {"count": 1, **FLAGS}),
-    (rt.Triangles, lambda s: {"positions": quad(), "indices": None, "transform": None, "index_dtype": "u2", **FLAGS}),
+    (
+        rt.Triangles,
+        lambda s: {"positions": quad_corners(), "indices": None, "transform": None, "index_dtype": "u2", **FLAGS},
+    ),
     (rt.Aabbs, lambda s: {"boxes": [[0, 0, 0, 1, 1, 1]], **FLAGS}),
     (rt.BufferSlice, lambda s: {"buffer": s.data, "count": 1, "offset": 0, "stride": 12}),
     (rt.Blas.prepare_compaction, lambda s: {"self": s.blas, "callback": None}),
@@ -63,18 +66,24 @@ ARGUMENTS = [  # what is wrong about a value; `s` are the structures of `states`
     (lambda s: rt.TlasInstance(s.blas, mask=256), "mask must be 0 to 255, not 256"),
     (lambda s: rt.TlasInstance(s.blas, "x"), "the transform's elements must be numbers, not 'x'"),
     (lambda s: rt.TlasInstance(s.blas, [[1, 2], [3]]), "the transform's elements must be numbers in rows"),
-    (lambda s: rt.TlasInstance(s.blas, shifted() * 1j), "must be numbers, not an array .* of complex"),
+    (lambda s: rt.TlasInstance(s.blas, translation() * 1j), "must be numbers, not an array .* of complex"),
     (lambda s: rt.TlasInstance(s.blas, [[None] * 4] * 3), "None is not a number"),
     (lambda s: rt.TlasInstance(s.blas, np.eye(3)), "the transform must be 3x4"),
     (lambda s: rt.TlasInstance(s.blas, np.ones((4, 4))), "the transform must be 3x4, or an affine 4x4"),
-    (lambda s: rt.TlasInstance(s.blas, shifted(np.nan)), "the transform is not finite"),
+    (lambda s: rt.TlasInstance(s.blas, translation(np.nan)), "the transform is not finite"),
     (lambda s: rt.TlasInstance(s.blas, np.eye(4)[:3] * 1e39), "the transform is not finite"),
     (lambda s: rt.TlasInstance(s.blas, np.zeros((3, 4))), "the transform is not invertible"),
-    (lambda s: rt.TlasInstances([s.blas, 5], [shifted()] * 2), "the Blases: number 1 is 5: give what rt.create_blas"),
-    (lambda s: rt.TlasInstances(s.blas, [shifted()] * 3, [0, 1 << 24, 2]), r"not 16777216 \(number 1\)"),
-    (lambda s: rt.TlasInstances(s.blas, [shifted(), np.zeros((3, 4))]), r"not invertible \(number 1\)"),
-    (lambda s: rt.TlasInstances([s.blas] * 4, [shifted()] * 5), "one value for all, or a sequence of 4"),
-    (lambda s: rt.BlasBuildEntry(s.blas, rt.Triangles(quad())), "of Blas quad: the geometries are .*: give a list"),
+    (
+        lambda s: rt.TlasInstances([s.blas, 5], [translation()] * 2),
+        "the Blases: number 1 is 5: give what rt.create_blas",
+    ),
+    (lambda s: rt.TlasInstances(s.blas, [translation()] * 3, [0, 1 << 24, 2]), r"not 16777216 \(number 1\)"),
+    (lambda s: rt.TlasInstances(s.blas, [translation(), np.zeros((3, 4))]), r"not invertible \(number 1\)"),
+    (lambda s: rt.TlasInstances([s.blas] * 4, [translation()] * 5), "one value for all, or a sequence of 4"),
+    (
+        lambda s: rt.BlasBuildEntry(s.blas, rt.Triangles(quad_corners())),
+        "of Blas quad: the geometries are .*: give a list",
+    ),
     (lambda s: rt.BlasBuildEntry(s.blas, [SIX]), "number 0 is TriangleSize.*: give rt.Triangles"),
     (lambda s: rt.TlasPackage(s.tlas, [s.blas]), "the instances: number 0 is <Blas quad"),
     (lambda s: s.build([s.blas]), "the Blases: number 0 is <Blas quad"),
@@ -82,35 +91,39 @@ ARGUMENTS = [  # what is wrong about a value; `s` are the structures of `states`
     (lambda s: s.new_tlas(1.5), "Tlas tlas: max_instances is 1.5: give a whole number"),
     (lambda s: s.new_tlas(True), "max_instances is True"),
     (lambda s: s.new_tlas(1, rebuild_after=-1), "rebuild_after is -1: give a whole number, at least 0"),
-    (lambda s: s.new_blas([quad()]), r"number 0 is an array \(6, 3\) of float32: give rt.Triangles"),
+    (lambda s: s.new_blas([quad_corners()]), r"number 0 is an array \(6, 3\) of float32: give rt.Triangles"),
     (lambda s: rt.TriangleSize(-3), "vertex_count is -3"),
     (lambda s: rt.Triangles(np.zeros((3, 2))), r"positions: the shape is \(3, 2\), not \(N, 3\)"),
     (lambda s: rt.Triangles(np.full((3, 3), np.nan)), r"positions: element \(0, 0\) is not finite"),
     (lambda s: rt.Triangles(np.full((3, 3), 1e39)), "positions: .* not finite"),
     (lambda s: rt.Triangles(np.zeros((4, 3))), "the number of corners must be a multiple of 3, not 4"),
-    (lambda s: rt.Triangles(quad(), [[0, 1, 6]]), "6 is out of range: there are 6 positions"),
-    (lambda s: rt.Triangles(quad(), [[0, 1, -1]]), "whole numbers from 0"),
-    (lambda s: rt.Triangles(quad(), [[0.0, 1, 2]]), "whole numbers from 0 .* not float64"),
-    (lambda s: rt.Triangles(quad(), [0, 1, 2]), r"indices: the shape is \(3,\), not \(N, 3\)"),
-    (lambda s: rt.Triangles(quad(), transform=np.eye(3)), r"transform: the shape is \(3, 3\)"),
+    (lambda s: rt.Triangles(quad_corners(), [[0, 1, 6]]), "6 is out of range: there are 6 positions"),
+    (lambda s: rt.Triangles(quad_corners(), [[0, 1, -1]]), "whole numbers from 0"),
+    (lambda s: rt.Triangles(quad_corners(), [[0.0, 1, 2]]), "whole numbers from 0 .* not float64"),
+    (lambda s: rt.Triangles(quad_corners(), [0, 1, 2]), r"indices: the shape is \(3,\), not \(N, 3\)"),
+    (lambda s: rt.Triangles(quad_corners(), transform=np.eye(3)), r"transform: the shape is \(3, 3\)"),
     (lambda s: rt.Aabbs([1, 2, 3, 4, 5]), r"boxes: the shape is \(5,\), not \(N, 6\)"),
     (lambda s: rt.Aabbs([[1, 0, 0, 0, 1, 1]]), "boxes: number 0 has a minimum beyond its maximum"),
     (lambda s: rt.Aabbs([[np.inf] * 6]), "boxes: .* not finite"),
     (lambda s: Blas(s.device, ["x"]), "Blas blas, geometry 0 is 'x'"),
 ]
 SIZES = [  # what a Blas was made for, what it is given, and the error
-    (SIX, [rt.Triangles(quad())] * 2, "2 geometries, but it was made for 1"),
+    (SIX, [rt.Triangles(quad_corners())] * 2, "2 geometries, but it was made for 1"),
     (SIX, [rt.Aabbs(np.zeros((1, 6)))], "geometry 0: kind is boxes, but it was made for triangles"),
-    (rt.AabbSize(1), [rt.Triangles(quad())], "geometry 0: kind is triangles, but it was made for boxes"),
+    (rt.AabbSize(1), [rt.Triangles(quad_corners())], "geometry 0: kind is triangles, but it was made for boxes"),
     (rt.AabbSize(1), [rt.Aabbs(np.zeros((2, 6)))], "geometry 0: count is 2, but it was made for 1"),
-    (rt.TriangleSize(3), [rt.Triangles(quad())], "geometry 0: position_count is 6, but it was made for 3"),
-    (SIX, [rt.Triangles(quad(), opaque=False)], "geometry 0: opaque is False, but"),
-    (SIX, [rt.Triangles(quad(), no_duplicate_any_hit=True)], "no_duplicate_any_hit is True"),
-    (SIX, [rt.Triangles(quad(), [[0, 1, 2]])], "indices is uint32, but it was made for none"),
-    (rt.TriangleSize(6, 3), [rt.Triangles(quad())], "indices is none, but it was made for uint32"),
-    (rt.TriangleSize(6, 3, np.uint16), [rt.Triangles(quad(), [[0, 1, 2]])], "indices is uint32, but"),
-    (rt.TriangleSize(6, 3), [rt.Triangles(quad(), [[0, 1, 2]] * 2)], "triangle_count is 2, but it was made for 1"),
-    (SIX, [rt.Triangles(quad(), transform=shifted())], "transform is given, but"),
+    (rt.TriangleSize(3), [rt.Triangles(quad_corners())], "geometry 0: position_count is 6, but it was made for 3"),
+    (SIX, [rt.Triangles(quad_corners(), opaque=False)], "geometry 0: opaque is False, but"),
+    (SIX, [rt.Triangles(quad_corners(), no_duplicate_any_hit=True)], "no_duplicate_any_hit is True"),
+    (SIX, [rt.Triangles(quad_corners(), [[0, 1, 2]])], "indices is uint32, but it was made for none"),
+    (rt.TriangleSize(6, 3), [rt.Triangles(quad_corners())], "indices is none, but it was made for uint32"),
+    (rt.TriangleSize(6, 3, np.uint16), [rt.Triangles(quad_corners(), [[0, 1, 2]])], "indices is uint32, but"),
+    (
+        rt.TriangleSize(6, 3),
+        [rt.Triangles(quad_corners(), [[0, 1, 2]] * 2)],
+        "triangle_count is 2, but it was made for 1",
+    ),
+    (SIX, [rt.Triangles(quad_corners(), transform=translation())], "transform is given, but"),
 ]
 SLICES = [  # of a buffer of 72 bytes
     ({"count": 9}, "ends at byte 108 of buffer data, which has 72"),
@@ -126,7 +139,7 @@ def test_data_that_does_not_fit(world):
     for size, given, message in SIZES:
         with refused(f"build of Blas fixed.*{message}"):
             rt.BuildCall(world.device, [rt.BlasBuildEntry(world.blas([size], name="fixed"), given)])
-    blas, buffer = world.blas([rt.TriangleSize(99)]), world.buffer(quad())
+    blas, buffer = world.blas([rt.TriangleSize(99)]), world.buffer(quad_corners())
     for options, message in SLICES:
         with refused(message):
             world.build([world.entry(blas, rt.Triangles(rt.BufferSlice(buffer, **options)))])
@@ -137,7 +150,7 @@ def test_numbers_of_numpy_are_numbers(world):
     tlas = world.tlas(np.int64(3), rebuild_after=np.uint8(2))
     assert tlas.max_instances == 3
     blas = world.blas([rt.TriangleSize(np.int32(6), opaque=np.True_)])
-    instances = rt.TlasInstances([blas, None], [shifted()] * 2, np.arange(2, dtype=np.uint8), flags=np.uint8(1))
+    instances = rt.TlasInstances([blas, None], [translation()] * 2, np.arange(2, dtype=np.uint8), flags=np.uint8(1))
     world.build([world.entry(blas)], [rt.TlasPackage(tlas, instances)])
     world.build((), [rt.TlasPackage(tlas, rt.TlasInstances([], np.zeros((0, 3, 4)), [], []))])
 
@@ -166,7 +179,7 @@ STATES = [  # which structures can't be built or compacted
     (lambda s: s.build([s.entry(s.blas)] * 2), "the same Blas twice in one build: quad"),
     (lambda s: s.build((), top(s.tlas, s.blas) * 2), "the same Tlas twice in one build: top"),
     (lambda s: s.build([s.entry(s.blas)], top(s.tlas, *[s.blas] * 5)), "Tlas top: 5 instances, but it was made for 4"),
-    (lambda s: s.build([s.entry(s.blas, rt.Triangles(np.tile(quad(), (2, 1))))]), "made for"),
+    (lambda s: s.build([s.entry(s.blas, rt.Triangles(np.tile(quad_corners(), (2, 1))))]), "made for"),
     (lambda s: s.bare.prepare_compaction(), "compaction of Blas bare: it was never built"),
     (lambda s: s.bare.compact(), "compaction of Blas bare, which isn't ready"),
     (lambda s: s.loose.prepare_compaction(), "compaction of Blas loose: it was made without allow_compaction"),
@@ -182,7 +195,7 @@ def states(world, built):
     """Structures in all states, on two devices: a built Blas and Tlas, and others named by what is wrong with them."""
     device, entry = world.device, world.entry
     blas, tlas = built()
-    data, freed = world.buffer(quad()), world.buffer(quad())
+    data, freed = world.buffer(quad_corners()), world.buffer(quad_corners())
     bare, gone, again = (world.blas(name=name) for name in ("bare", "gone", "again"))
     loose = world.blas(name="loose", allow_compaction=False)
     unbuilt, stale, orphan, ended = (world.tlas(name=name) for name in ("unbuilt", "stale", "orphan", "ended"))
@@ -277,8 +290,12 @@ def test_an_edited_instance_is_refused_before_anything_is_built(world):
 
 def test_what_was_checked_stays(world):
     """Changing the caller's arrays or the attributes of what was made of them doesn't change what is built."""
-    blas, blases, transforms = world.blas(), [world.blas()], np.array([shifted()], np.float32)
-    positions, indices, boxes = quad(), np.array([[0, 1, 2]], np.uint32), np.array([[0, 0, 0, 1, 1, 1]], np.float32)
+    blas, blases, transforms = world.blas(), [world.blas()], np.array([translation()], np.float32)
+    positions, indices, boxes = (
+        quad_corners(),
+        np.array([[0, 1, 2]], np.uint32),
+        np.array([[0, 0, 0, 1, 1, 1]], np.float32),
+    )
     instances = rt.TlasInstances(blases, transforms)
     triangles, aabbs = rt.Triangles(positions, indices), rt.Aabbs(boxes)
     positions[0], indices[0], boxes[0], transforms[:], blases[0] = np.nan, 5_000_000, np.nan, np.nan, "x"
@@ -296,7 +313,7 @@ def test_what_was_checked_stays(world):
     for name in ("records", "blases"):
         with pytest.raises(AttributeError):
             setattr(instances, name, None)
-    geometries = [rt.Triangles(quad())]
+    geometries = [rt.Triangles(quad_corners())]
     entry = rt.BlasBuildEntry(blas, geometries)
     geometries[0] = "x"
     world.build([entry])

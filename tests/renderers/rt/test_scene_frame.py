@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from support.memory import leaves_nothing
+from support.frames import leaves_nothing
 
 import solari_vk as sv
 from solari_vk.bound import features

@@ -6,8 +6,8 @@ import warnings
 
 import numpy as np
 import pytest
-from support.memory import leaves_nothing
-from support.rays import World, closest_by_brute_force, intersect
+from oracles.rays import World, closest_by_brute_force, intersect
+from support.frames import leaves_nothing
 
 import solari_vk as sv
 from solari_vk.bound.binder import SceneBinder

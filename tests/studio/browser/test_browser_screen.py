@@ -6,7 +6,7 @@ import json
 
 import numpy as np
 import pytest
-from support.memory import leaves_nothing
+from support.frames import leaves_nothing
 
 import solari_vk as sv
 from solari_vk.base.errors import SolariError

@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 import pytest
-from support.memory import leaves_nothing
+from support.frames import leaves_nothing
 from viewer_tools import make_session
 
 import solari_vk as sv

@@ -11,7 +11,7 @@ import glfw
 import numpy as np
 import pytest
 from PIL import Image
-from support.gltf_writer import GltfWriter
+from support.files import GltfWriter
 from viewer_tools import click, press, read_exr, release, type_keys
 
 import solari_vk as sv

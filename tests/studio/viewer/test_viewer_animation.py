@@ -5,7 +5,7 @@ from __future__ import annotations
 import glfw
 import numpy as np
 import pytest
-from support.characters import bent, tube
+from support.scenes import bent_joints, tube
 from viewer_tools import make_session, type_keys
 
 import solari_vk as sv
@@ -23,7 +23,7 @@ def scene():
     local = np.tile(np.eye(4), (3, 1, 1))
     local[1:, 1, 3] = 1.0
     rig = sv.Rig([-1, 0, 1], local, local[:, :3, 3], [(0, 0, 0, 1)] * 3, np.ones((3, 3)))
-    instance = sv.Instance(mesh, joint_matrices=bent(rest, 0))
+    instance = sv.Instance(mesh, joint_matrices=bent_joints(rest, 0))
     rig.attach_skin(instance, range(3), rest, np.linalg.inv(rest))
     made = sv.Scene(instance, sv.DirectionalLight((0, -1, -1)), sv.Camera.look_at((0, 1, 4), (0, 1, 0)))
     for name, side in (("left", 1.0), ("right", -1.0)):

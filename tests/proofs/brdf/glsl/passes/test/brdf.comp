@@ -8,7 +8,7 @@
 
 layout(local_size_x = 64) in;
 
-// As support/brdf_runs.py numbers them.
+// As support/frames.py numbers them.
 const uint MODE_DRAW = 0u, MODE_EVALUATE = 1u, MODE_ALBEDO = 2u, MODE_SAMPLED_ALBEDO = 3u;
 const uint MODE_LOBE_ALBEDOS = 4u, RESULT_COUNT = 4u;
 

@@ -1,18 +1,24 @@
-"""A solari_vk Scene (no textures, no suns) as a Mitsuba 3 scene, with Lambert, our own BRDF, or one of Mitsuba's.
+"""A solari_vk Scene (no textures, no suns) as a Mitsuba 3 scene, with Lambert, our own BRDF, or one of Mitsuba's; and
+stored pictures of Mitsuba, which `python -m oracles.mitsuba_scene` in tests/ renders again.
 
-Our BRDF is the NumPy oracle's, written as a Mitsuba BSDF: evaluation as in support.brdf with its albedo
+Our BRDF is the NumPy oracle's, written as a Mitsuba BSDF: evaluation as in oracles.brdf with its albedo
 tables, sampling by Mitsuba's own visible-normal and cosine sampling. Its vectorized form needs the variant
 llvm_ad_rgb, and so LLVM 19 (Debian: libllvm19); scalar_rgb renders the Lambert scenes.
 """
 
+import hashlib
 import os
+import sys
 from functools import lru_cache
 from glob import glob
+from pathlib import Path
 
 import numpy as np
+from oracles.brdf import Surface
 
+from solari_vk.scene.builtin import cornell_box
 from solari_vk.scene.matrices import transform_points
-from support.brdf import Surface
+from solari_vk.scene.model import Material
 
 
 def select_variant(vectorized):
@@ -231,3 +237,79 @@ def render(mi, mitsuba_scene, batches, samples, seed=0):
         images.append(np.array(image, np.float64))
     stack = np.stack(images)
     return stack.mean(axis=0), stack.var(axis=0, ddof=1) / batches
+
+
+# ---- stored pictures ----
+
+
+REFERENCES = Path(__file__).parent / "references"
+REFERENCE_SIZE = 64
+REFERENCE_BOUNCES = 4
+
+
+def lambert_box():
+    return cornell_box(), True
+
+
+def glossy_box():
+    """The Cornell box with a rough gold block, a glossy plastic one, and half-metallic walls."""
+    scene = cornell_box()
+    gold = Material(base_color=(1.0, 0.77, 0.34), metallic=1.0, perceptual_roughness=0.45)
+    plastic = Material(base_color=(0.2, 0.35, 0.7), perceptual_roughness=0.35, reflectance=(0.5, 0.7, 0.9))
+    for instance in scene:
+        if instance.name == "tall block":
+            instance.material = gold
+        elif instance.name == "short block":
+            instance.material = plastic
+        elif instance.name == "room":
+            instance.material.update(perceptual_roughness=0.6, metallic=0.3, reflectance=0.5)
+    return scene, False
+
+
+REFERENCE_SCENES = {"lambert": lambert_box, "glossy": glossy_box}
+
+
+def fingerprint(scene):
+    """A hash of the scene's geometry, materials and camera, rounded so that all platforms agree."""
+    digest = hashlib.sha256()
+    for instance in scene:
+        material = instance.material
+        numbers = [instance.transform, instance.mesh.positions[instance.mesh.triangles], material.base_color]
+        numbers += [material.emissive, material.metallic, material.perceptual_roughness, material.reflectance]
+        for value in numbers:
+            digest.update(np.round(np.asarray(value, np.float64) * 1e4).astype(np.int64).tobytes())
+    camera = scene.camera
+    digest.update(np.round(np.append(camera.transform, camera.vertical_fov) * 1e4).astype(np.int64).tobytes())
+    return digest.hexdigest()
+
+
+def load_reference(name):
+    """The stored picture's mean and variance (height, width, 3), and its scene's fingerprint."""
+    with np.load(REFERENCES / f"{name}.npz") as stored:
+        return {"mean": stored["mean"], "variance": stored["variance"], "fingerprint": str(stored["fingerprint"])}
+
+
+def main():
+    """Render the stored pictures again, which needs LLVM 19."""
+    mitsuba = select_variant(vectorized=True)
+    if mitsuba is None:
+        return "the vectorized Mitsuba needs LLVM 19 (Debian: libllvm19)"
+    register_bsdf(mitsuba)
+    REFERENCES.mkdir(exist_ok=True)
+    for name, case in REFERENCE_SCENES.items():
+        scene, lambert = case()
+        made = scene_of(mitsuba, scene, REFERENCE_SIZE, REFERENCE_SIZE, bounces=REFERENCE_BOUNCES, lambert=lambert)
+        mean, variance = render(mitsuba, made, batches=32, samples=1024)
+        np.savez_compressed(
+            REFERENCES / f"{name}.npz",
+            mean=mean.astype(np.float32),
+            variance=variance.astype(np.float32),
+            fingerprint=fingerprint(scene),
+        )
+        error = np.sqrt(variance.mean()) / mean.mean() / REFERENCE_SIZE
+        print(f"{name}: mean {mean.mean():.6f}, relative error {error:.5%}")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

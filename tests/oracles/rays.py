@@ -1,10 +1,9 @@
-"""References for ray tracing: Embree over a Scene, a ray-triangle test in float64, and a camera's rays."""
+"""References for ray tracing: Embree over a Scene, and a ray-triangle test in float64."""
 
 import numpy as np
 
 from solari_vk.lab.conformance import embree_checks
 from solari_vk.scene.matrices import transform_points
-from support.oracles.closed_forms import camera_rays as camera_rays
 
 
 class World:

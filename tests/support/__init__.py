@@ -1,1 +1,0 @@
-"""Code that tests share: scenes, checks, and reference implementations from papers and specifications."""
