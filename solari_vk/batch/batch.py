@@ -32,7 +32,6 @@ from solari_vk.batch.worlds import Worlds
 from solari_vk.bound.binder import SceneBinder
 from solari_vk.bound.features import LENSES
 from solari_vk.bound.given_numbers import GivenNumbers
-from solari_vk.bound.scenes_binder import ScenesBinder
 from solari_vk.bound.triangle_orders import TriangleOrders
 from solari_vk.gpu.acceleration.checks import whole_number
 from solari_vk.gpu.device.device import Device
@@ -86,7 +85,7 @@ class Batch(BatchResults):
     ) -> None:
         names = checked_names(renderer, outputs, options)
         scenes = checked_scenes(scene, worlds)
-        binder: Any = scene if scenes is None else ScenesBinder(checked_device(device, "Batch"), scenes)
+        binder: Any = scene if scenes is None else SceneBinder(checked_device(device, "Batch"), scenes)
         super().__init__(device, binder)
         if scenes is not None:
             self._owned.callback(binder.destroy)

@@ -140,6 +140,8 @@ class BatchResults(SceneUser):
     def instances(self) -> dict[int, Any]:
         """The scene's instances by the numbers in `batch["instance_id"]`. With a list of scenes, these for each world:
         `batch.instances[world][number]`."""
+        if self.binder.has_many_scenes:
+            return {world: records.instances for world, records in enumerate(self.binder.worlds)}
         return self.binder.instances
 
     @property

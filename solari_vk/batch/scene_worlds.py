@@ -11,8 +11,8 @@ from solari_vk.base.errors import SolariError
 from solari_vk.batch.light_tables import LightTables
 from solari_vk.batch.world_changes import Known
 from solari_vk.batch.world_tables import WorldTables
+from solari_vk.bound.binder import SceneBinder
 from solari_vk.bound.constants import NO_INDEX
-from solari_vk.bound.scenes_binder import ScenesBinder
 from solari_vk.gpu.acceleration.tlas import INSTANCE_DTYPE
 from solari_vk.gpu.device.device import Device
 
@@ -22,7 +22,7 @@ class SceneWorlds(WorldTables):
 
     shows_scenes = True
 
-    def __init__(self, device: Device, binder: ScenesBinder) -> None:
+    def __init__(self, device: Device, binder: SceneBinder) -> None:
         super().__init__(device, len(binder.worlds))
         self._binder = binder
         self._lit = LightTables(device, binder.lights, self.count)

@@ -81,7 +81,7 @@ class LightsOfWorlds(LightTables):
                 (id(lamp), *_emission_key(made), (lamp.transform if at is None else at).tobytes(), poses[lamp])
                 for lamp, made, at in lit
             ]
-            key = self._binder.light_revision, (*lights_key,), (*lamps_key,)
+            key = self._binder.records.light_revision, (*lights_key,), (*lamps_key,)
             if key not in lists:
                 lists[key] = self._lists.get(key) or self._make(own, lit)
             shown.append(key)
@@ -97,14 +97,14 @@ class LightsOfWorlds(LightTables):
         for lamp, material, transform in lit:
             stand_in = copy.copy(lamp)
             stand_in.update(material=material, **({} if transform is None else {"transform": transform}))
-            made.set_emissive(stand_in, binder.instance_rows[lamp], *binder.lamps.of(stand_in, lamp))
+            made.set_emissive(stand_in, binder.records.instance_rows[lamp], *binder.records.emission_of(stand_in, lamp))
             stand_ins.append(stand_in)
         for light in own:
             if light is not None:
-                binder.note_feature(light)
+                binder.add_feature(light)
                 made.set_light(light, True)
-        made.update(binder.traced.lit_area)
-        binder.note_feature(made.leaves.light_tree)
+        made.update(binder.records.traced.lit_area)
+        binder.add_feature(made.leaves.light_tree)
         lamps = [lamp for lamp, _, _ in lit]
         listed: list[Instance | Light] = [*lamps, *(light for of_kind in made.others.values() for light in of_kind)]
         ids = np.fromiter(map(self._id, listed), np.uint32, len(listed))
@@ -131,7 +131,7 @@ class LightsOfWorlds(LightTables):
     def _drop(self, lists: Mapping[Any, Listed]) -> None:
         for listed in lists.values():
             for stand_in in listed.stand_ins:
-                self._binder.lamps.emissions.release(stand_in)
+                self._binder.records.emissions.release(stand_in)
 
     def _forget(self) -> None:
         self._drop(self._lists)

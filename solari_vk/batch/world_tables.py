@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from solari_vk.base.errors import SolariError
 from solari_vk.batch.view_table import ViewTable
 from solari_vk.batch.world_changes import Known
-from solari_vk.bound.scene_rows import MAX_INSTANCES
+from solari_vk.bound.scene_records import MAX_INSTANCES
 from solari_vk.gpu.acceleration.tlas import INSTANCE_DTYPE, Tlas, TlasBuilds
 from solari_vk.gpu.device.buffer import Buffer
 from solari_vk.gpu.device.device import Device

@@ -82,18 +82,19 @@ class Worlds(WorldTables):
 
     def update(self) -> int:
         if self.count == 1:
-            tlas, previous = self._binder.traced.tlas, self._binder.traced.previous
-            self._show_addresses([tlas.address, (previous or tlas).address])
+            tlas = self._binder.tlas
+            assert tlas is not None
+            self._show_addresses([tlas.current.address, (tlas.previous or tlas.current).address])
             return self.version
         own = self.transforms, self.materials, self.lights
-        edited = self._seen != self._binder.record_revision
+        edited = self._seen != self._binder.records.record_revision
         if edited or any(given.changed for given in own):
             self._seen = -1  # until all is written
             for given in own:
                 given.present()
             if edited or self.materials.changed:
                 self._note_materials()
-            self._binder.blended_changes += any(map(self._is_blended, self.transforms.changed))
+            self._binder.records.blended_changes += any(map(self._is_blended, self.transforms.changed))
             lit = self.lights.changed or self.materials.changed or any(map(self._is_lamp, self.transforms.changed))
             lamp_rows = self._lit.lamp_rows
             if edited or lit:
@@ -110,7 +111,7 @@ class Worlds(WorldTables):
                 or not _same(lamp_rows, self._lit.lamp_rows)
             ):
                 self._write(self._differing(bodies), moved_only=not (edited or lit or bodies))
-            self._seen = self._binder.record_revision
+            self._seen = self._binder.records.record_revision
             for given in own:
                 given.changed.clear()
         self._share_lights()
@@ -146,15 +147,15 @@ class Worlds(WorldTables):
                 variant = copy.copy(instance)
                 variant.update(material=material)
                 if (mode := variant.alpha_mode) != "opaque":
-                    self._binder.note_feature(variant)
+                    self._binder.add_feature(variant)
                 if mode == "blend":
                     blended[instance] = instance.transform.tobytes(), instance.visible, instance.mesh, *given
-                    built_anew |= self._binder.meet_once(instance.ray_mesh or instance.mesh)
+                    built_anew |= self._binder.use_single_hits(instance.ray_mesh or instance.mesh)
                 flags = flags_of(material.double_sided, mode)
                 found[material] = self._binder.materials.rows[material], flags, mask_of(instance.visible, mode)
             rows, flags, masks = np.array([found[material] for material in given], np.uint32).T
             self._surfaces[instance] = Differing(None, rows, flags, masks)
-        self._binder.blended_changes += blended != self._blended
+        self._binder.records.blended_changes += blended != self._blended
         self._blended = blended
         if built_anew:
             self._binder.update()
@@ -187,7 +188,7 @@ class Worlds(WorldTables):
     # ---- instances and their structures -------------------------------------------------------------
 
     def _write(self, differing: Mapping[Instance, Differing], *, moved_only: bool) -> None:
-        binder, traced, worlds = self._binder, self._binder.traced, self.count
+        binder, traced, worlds = self._binder.records, self._binder.records.traced, self.count
         lamp_rows = self._lit.lamp_rows
         given = [(instance, own.transforms is None, own.materials is None) for instance, own in differing.items()]
         kept = binder.record_revision, (*given,), (*lamp_rows,)
@@ -223,7 +224,8 @@ class Worlds(WorldTables):
 
     def _place(self, differing: Mapping[Instance, Differing], on_device: Iterable[Instance]) -> None:
         """Build the structures, with the transforms that tensors give of some instances written on the device."""
-        binder, traced, records = self._binder, self._binder.traced, self._binder.instance_table.records
+        binder, traced = self._binder.records, self._binder.records.traced
+        records = binder.instance_table.records
         fields = records.dtype.fields
         assert self._records is not None
         assert fields is not None

@@ -25,9 +25,9 @@ from solari_vk.scene.on_device import OnDevice
 
 
 class RowsOfScene(Protocol):
-    """What has the records of a scene that uses assets: `SceneRows`."""
+    """What has the records of a scene that uses assets: `SceneRecords`."""
 
-    def take_up(self) -> None: ...
+    def apply_changes(self) -> None: ...
     def write(self, users: Iterable[Any]) -> None: ...
 
 
@@ -75,10 +75,10 @@ class Assets:
         return self.geometry.rows.users(asset) if isinstance(asset, Mesh) else self.materials.users_of(asset)
 
     def update(self, scenes: Sequence[RowsOfScene], revision: int, user: Any) -> bool:
-        """Take up the changes of scenes and write all records; returns whether images were replaced. revision: of all
+        """Apply the changes of scenes and write all records; returns whether images were replaced. revision: of all
         scenes together. user: as of `SceneBinder.update`."""
         for scene in scenes:
-            scene.take_up()
+            scene.apply_changes()
         users = self.geometry.update(revision)
         self.geometry.posed.show(user)
         replaced = self.textures.update()

@@ -1,14 +1,17 @@
-"""Keeps the resources of descriptor set 0 equal to a scene: uploads what changed, and rebuilds the TLAS.
+"""Keeps the resources of descriptor set 0 equal to a scene, or to several scenes that share their assets.
 
-The scene tells the binder which objects have changed. `update` turns changes into rows of tables, uploads and builds of
+Scenes tell the binder which objects have changed. `update` turns changes into rows of tables, uploads and builds of
 acceleration structures, which the device executes just before the next submission. Uploads and builds are proportional
 to the change, not to the scene, but for lights: bound/lights/light_list.py says which changes concern all of them.
+
+A world is what one view of a batch sees. One scene has its records in tables on the device, which are its only world.
+Of several scenes the records stay on the host, from where batch/worlds.py copies them to the rows of each world.
 """
 
 from __future__ import annotations
 
 import weakref
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import partial
 from typing import Any
 
@@ -18,57 +21,126 @@ from numpy.typing import NDArray
 from solari_vk.bound.assets import Assets
 from solari_vk.bound.lights.light_list import LightList
 from solari_vk.bound.lights.light_tree import LightTree
-from solari_vk.bound.scene_rows import SceneRows
-from solari_vk.bound.table import Table
-from solari_vk.bound.traced_instances import TracedInstances
+from solari_vk.bound.lights.own_buffers import SharedBuffers
+from solari_vk.bound.material_table import MaterialTable
+from solari_vk.bound.scene_records import SceneRecords
+from solari_vk.bound.table import HostTable, Table
+from solari_vk.bound.traced_instances import SceneTlas
 from solari_vk.gpu.device.cuda_input import Taken
 from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.frame.stopwatch import Stopwatch
-from solari_vk.scene.model import Mesh, Scene
+from solari_vk.scene.model import Camera, Instance, Mesh, Scene
 from solari_vk.scene.observed import Observable
 from solari_vk.scene.on_device import OnDevice
 
 
-class SceneBinder(SceneRows):
+class SceneBinder:
     """A scene on a device, which several renderers may share. `resources` are those of descriptor set 0, by name.
 
-    `version` increases when a resource was replaced or the scene got a new feature.
+    scene: or the scene of each world of a batch, in which a scene may stand several times.
+
+    `version` increases when a resource was replaced or a scene got a new feature, `revision` with each change.
     """
 
-    traced: TracedInstances
-
-    def __init__(self, device: Device, scene: Scene) -> None:
+    def __init__(self, device: Device, scene: Scene | Sequence[Scene]) -> None:
         self.version = 0
+        self.revision = 0
+        self.has_many_scenes = not isinstance(scene, Scene)
+        """Whether each world has a scene of its own: the binder was made of a list."""
         self._device = device
+        scenes = [scene] if isinstance(scene, Scene) else list(scene)
+        self.tlas: SceneTlas | None = None
+        """The structure that rays traverse, of one scene."""
         with device.undone_on_error():
-            assets = Assets(device, self)
-            super().__init__(
-                device, scene, assets, partial(Table, device), TracedInstances(device), LightList(device, assets.layout)
-            )
-        self._tables = (*assets.tables, self.instance_table, *self.lights.tables, self.traced.table)
-        self._unbound = (self.traced.table, *self._geometry.posed.tables)  # no frame's shader has them
+            self.assets = Assets(device, self)
+            self._scenes = self._make_records(dict.fromkeys(scenes))
+            if not self.has_many_scenes:
+                self.tlas = SceneTlas(device, self._scenes[0].traced)
+        each = {records.scene: records for records in self._scenes}
+        self.worlds = [each[one] for one in scenes]
+        """The records of each world's scene."""
+        self._tables = self._device_tables()
         self._previous_users: set[object] = set()
         self._up_to_date = weakref.WeakSet[Any]()  # who has used the scene since its latest change
-        self._first = True
+        self._is_current = False  # whether the device has all changes as of the latest `update`
+        self._counted_features: frozenset[str] = frozenset()  # that `version` knows of
+
+    def _make_records(self, scenes: Mapping[Scene, None]) -> list[SceneRecords]:
+        layout = self.assets.layout
+        table: Any = partial(Table, self._device)
+        shared = None
+        if self.has_many_scenes:
+            table = HostTable
+            shared = SharedBuffers()
+        return [
+            SceneRecords(self._device, scene, self.assets, table, LightList(self._device, layout, shared))
+            for scene in scenes
+        ]
+
+    def _device_tables(self) -> tuple[Table, ...]:
+        if self.has_many_scenes:
+            return self.assets.tables
+        records = self.records
+        return (*self.assets.tables, records.instance_table, *records.lights.tables, records.traced.table)
+
+    # ---- what others read ---------------------------------------------------------------------------
+
+    @property
+    def records(self) -> SceneRecords:
+        """The instances and lights of the first scene."""
+        return self._scenes[0]
+
+    @property
+    def scene(self) -> Scene:
+        """The first scene."""
+        return self.records.scene
+
+    @property
+    def lights(self) -> LightList:
+        """The lights of the first scene."""
+        return self.records.lights
+
+    @property
+    def instances(self) -> dict[int, Instance]:
+        """The instances and bodies of lights of the first scene by their rows, the shaders' indices, as of the latest
+        `update`."""
+        return self.records.instances
+
+    @property
+    def blended_changes(self) -> int:
+        """The number of changes of blended instances of the first scene so far."""
+        return self.records.blended_changes
+
+    @property
+    def instance_capacity(self) -> int:
+        """The number of rows of a world in the shaders' `instances`."""
+        return max(records.instance_capacity for records in self._scenes)
+
+    @property
+    def materials(self) -> MaterialTable:
+        """The materials of all scenes."""
+        return self.assets.materials
 
     @property
     def resources(self) -> dict[str, Any]:
-        """The resources of descriptor set 0 by their names in GLSL."""
-        return {table.name: table.buffer for table in self._tables if table not in self._unbound} | {
-            "tlas": self.traced.tlas,
-            "previous_tlas": self.traced.previous or self.traced.tlas,
-            "texture_images": self._textures.bound,
-        }
+        """The resources of descriptor set 0 by their names in GLSL; of several scenes those that they share."""
+        # No shader of a frame has the tables of poses, nor the records that the TLAS is built of.
+        unbound = (*self.assets.geometry.posed.tables, self.records.traced.table)
+        found: dict[str, Any] = {table.name: table.buffer for table in self._tables if table not in unbound}
+        if self.tlas is not None:
+            found["tlas"] = self.tlas.current
+            found["previous_tlas"] = self.tlas.previous or self.tlas.current
+        return found | {"texture_images": self.assets.textures.bound}
 
     @property
     def features(self) -> frozenset[str]:
-        """The specialization constants that are true in the scene's pipelines, as of the latest `update`."""
-        return self._features.constants
+        """The specialization constants that are true in the scenes' pipelines, as of the latest `update`."""
+        return self.assets.features.constants
 
     @property
     def dark_scenes(self) -> list[Scene]:
-        """The scene, if it has no light, as of the latest `update`."""
-        return [] if len(self.lights.ids) else [self.scene]
+        """The scenes that have no light, as of the latest `update`."""
+        return [records.scene for records in self._scenes if not len(records.lights.ids)]
 
     @property
     def triangle_orders(self) -> dict[int, NDArray[np.int64]]:
@@ -77,14 +149,54 @@ class SceneBinder(SceneRows):
 
     def time_poses(self) -> Stopwatch:
         """Have the device time the vertices and acceleration structures of poses from now on."""
-        return self._geometry.posed.time_poses()
+        return self.assets.geometry.posed.time_poses()
+
+    # ---- what others say ----------------------------------------------------------------------------
+
+    def note(self, changed: Observable) -> None:
+        """Tell the scenes that use an asset that it was edited; or have shaders with the lens of a camera."""
+        if not self.has_many_scenes or isinstance(changed, Camera):
+            self.records.note(changed)
+            return
+        users = self.assets.users(changed)
+        for records in self._scenes:
+            if records.has_any(users):
+                records.note(changed)
+
+    def take_all(self, values: Any) -> Taken | None:
+        """As of `Assets`."""
+        return self.assets.take_all(values)
+
+    def take(self, item: OnDevice, fields: Mapping[str, Any]) -> dict[str, Taken] | None:
+        """What tensors give an object, as of `Assets.take`; None for what emits light, which the host must know."""
+        if any(records.emissions.use(item) for records in self._scenes):
+            return None
+        return self.assets.take(item, fields)
+
+    def add_feature(self, item: Observable | LightTree) -> None:
+        """Have shaders with what a world of a batch has in place of an object of the scene, or as its lights."""
+        self.assets.features.note(item)
+        self._count_features()
+
+    def use_single_hits(self, mesh: Mesh) -> bool:
+        """As `Geometry.use_single_hits`; another `update` is needed if it returns True."""
+        is_new = self.assets.geometry.use_single_hits(mesh)
+        if is_new:
+            self.note(mesh)
+        return is_new
 
     def keep_previous_tlas(self, renderer: object, needed: bool) -> None:
         """Say whether a renderer needs the TLAS of the previous frame as `previous_tlas`, from the next update on.
 
         While none does, that is `tlas`; else a copy, made in each frame whose instances moved and in the next one.
+        Worlds of several scenes have none.
         """
-        (self._previous_users.add if needed else self._previous_users.discard)(renderer)
+        if needed:
+            self._previous_users.add(renderer)
+        else:
+            self._previous_users.discard(renderer)
+
+    # ---- from changes to the device -----------------------------------------------------------------
 
     def update(self, user: Any = None) -> None:
         """Apply all changes since the latest call. Raises SolariError for a scene that is too large.
@@ -95,67 +207,66 @@ class SceneBinder(SceneRows):
         """
         self._device.check_open()
         self.assets.check_given()
-        self.version += self.traced.keep_previous(bool(self._previous_users))
-        if not self._changed and not self._first:
+        if self.tlas is not None:
+            self.version += self.tlas.keep_previous(bool(self._previous_users))
+        key = self if user is None else user
+        if not self._is_current or any(records.changed for records in self._scenes):
+            self._apply_changes(user)
+        else:
             self.assets.show(user)
-            if (self if user is None else user) in self._up_to_date:
-                self.traced.rebuild()
-            self._note_use(user)
-            return
-        self._first = False
+            if self.tlas is not None and key in self._up_to_date:
+                self.tlas.rebuild()
+        self._up_to_date.add(key)
+        self.assets.geometry.posed.note_seen(user, self.revision)
+
+    def _apply_changes(self, user: Any) -> None:
+        self._is_current = False
         self._up_to_date = weakref.WeakSet()
-        features = self.features
+        self.revision += 1
         try:
-            self.version += self.assets.update([self], self.revision + 1, user)
-            self.version += self.features != features
+            self.version += self.assets.update(self._scenes, self.revision, user)
+            self._count_features()
             self._upload()
         except BaseException:
-            self.undo()  # the next update tries again, and uploads everything
-            self.version += 1  # buffers may be other ones by now
-            for table in self._tables:
-                table.mark_all()
-            self.traced.mark_all()
+            self._try_again_later()
             raise
-        self.settle()
-        self._note_use(user)
+        for records in self._scenes:
+            records.confirm()
+        self._is_current = True
 
-    def _note_use(self, user: Any) -> None:
-        self._up_to_date.add(self if user is None else user)
-        self._geometry.posed.note_seen(user, self.revision)
-
-    def take_all(self, values: Any) -> Taken | None:
-        """As of `Assets`."""
-        return self.assets.take_all(values)
-
-    def take(self, item: OnDevice, fields: Mapping[str, Any]) -> dict[str, Taken] | None:
-        """What tensors give an object, as of `Assets.take`; None for a lamp's, which the host needs."""
-        return None if self.lamps.emissions.use(item) else self.assets.take(item, fields)
-
-    def note_feature(self, item: Observable | LightTree) -> None:
-        """Take note of what another world has: in place of an object of the scene, or as its lights."""
-        before = self.features
-        self._features.note(item)
-        self.version += self.features != before
-
-    def meet_once(self, mesh: Mesh) -> bool:
-        """As `Geometry.meet_once`; another `update` is needed if it returns True."""
-        if new := self._geometry.meet_once(mesh):
-            self.note(mesh)
-        return new
-
-    # ---- from records to the device -----------------------------------------------------------------
+    def _count_features(self) -> None:
+        if self.features != self._counted_features:
+            self._counted_features = self.features
+            self.version += 1
 
     def _upload(self) -> None:
         """Copy the tables' changes and build the TLAS, before the next submission."""
-        if self.traced.update():
-            self.version += 1
+        if self.tlas is not None:
+            self.version += self.tlas.make_room()
+        else:
+            for records in self._scenes:
+                records.write_for_worlds()
         self.version += self.assets.upload(self._tables)
-        self._geometry.posed.submit()
-        self.traced.rebuild(self._geometry.structures.kept)
-        self._geometry.structures.kept = True
+        self.assets.geometry.posed.submit()
+        if self.tlas is not None:
+            structures = self.assets.geometry.structures
+            self.tlas.rebuild(structures.kept)
+            structures.kept = True
+
+    def _try_again_later(self) -> None:
+        """After an error, have the next update apply the same changes and upload everything."""
+        for records in self._scenes:
+            records.retry()
+        self.version += 1  # buffers may be other ones by now
+        for table in self._tables:
+            table.mark_all()
+        if self.tlas is not None:
+            self.tlas.mark_all()
 
     def destroy(self) -> None:
-        """Stop watching the scene and free everything."""
-        super().destroy()
+        """Stop watching the scenes and free everything."""
+        for records in self._scenes:
+            records.destroy()
         self.assets.destroy()
-        self.traced.destroy()
+        if self.tlas is not None:
+            self.tlas.destroy()

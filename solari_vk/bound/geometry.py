@@ -59,7 +59,7 @@ class Geometry:
         """For each uploaded shape the mesh's triangle of each uploaded triangle."""
         self.blases: dict[Shape, Blas] = {}
         """The acceleration structure of each traced shape, as of the latest `update`."""
-        self._met_once: set[Mesh] = set()  # whose triangles a ray asks the shader about only once
+        self._single_hits: set[Mesh] = set()  # whose triangles a ray asks the shader about only once
         self._to_upload: dict[Mesh, None] = {}
         self._moved: set[Mesh] = set()  # of these, those that have other positions
 
@@ -105,7 +105,7 @@ class Geometry:
         if self.rows.release(mesh, user):
             mesh.unwatch(self._watcher)
             self._to_upload.pop(mesh, None)
-            self._met_once.discard(mesh)
+            self._single_hits.discard(mesh)
             if mesh in self._buffers:
                 buffer = self._buffers.pop(mesh)
                 if self._contents.release(self._content_of.pop(mesh), mesh):
@@ -124,12 +124,12 @@ class Geometry:
             self.structures.kept = False
         return self.rows.users(mesh)
 
-    def meet_once(self, mesh: Mesh) -> bool:
-        """Build the acceleration structure of a blended mesh so that no ray meets a triangle twice, before `update`.
+    def use_single_hits(self, mesh: Mesh) -> bool:
+        """Have `update` build the acceleration structure of a blended mesh so that no ray meets a triangle twice.
         Returns whether it is another one then."""
-        if mesh in self._met_once:
+        if mesh in self._single_hits:
             return False
-        self._met_once.add(mesh)
+        self._single_hits.add(mesh)
         self.change(mesh)
         return True
 
@@ -181,9 +181,12 @@ class Geometry:
                 del self._uploaded[mesh]
             raise
         traced = {mesh: geometry for mesh, geometry in geometries.items() if mesh in self._ray_users}
-        builds = {mesh: (self._content_of[mesh], mesh in self._met_once) for mesh in traced if mesh not in self.given}
+        builds = {
+            mesh: (self._content_of[mesh], mesh in self._single_hits) for mesh in traced if mesh not in self.given
+        }
         self.blases |= self.structures.build(traced, builds, self._moved)
-        self._to_upload, self._moved = {}, set()
+        self._to_upload = {}
+        self._moved = set()
         return [user for mesh in traced for user in self._ray_users.users(mesh)]
 
     def _upload(self, mesh: Mesh, uploads: Uploads, revision: int) -> TriangleGeometry:
@@ -203,7 +206,7 @@ class Geometry:
             indices=int(record["triangles"]),
             triangle_count=int(record["triangle_count"]),
             # Structures that are refitted allow it, and may be a blended mesh's later.
-            no_duplicate_any_hit=is_given or mesh in self._met_once,
+            no_duplicate_any_hit=is_given or mesh in self._single_hits,
         )
 
     def _upload_from_host(self, mesh: Mesh, uploads: Uploads, revision: int) -> None:

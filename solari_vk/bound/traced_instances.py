@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
 from solari_vk.bound.constants import BLENDED_MASK, SCENE_MASK
 from solari_vk.bound.spatial_order import spatial_order
-from solari_vk.bound.table import HostTable, MakeTable, Table
+from solari_vk.bound.table import MakeTable
 from solari_vk.gpu.acceleration.tlas import INSTANCE_DTYPE, Tlas, TlasBuild, TlasCopy
 from solari_vk.gpu.device import raw
 from solari_vk.gpu.device.device import Device
@@ -43,7 +42,7 @@ class TracedRecords:
     FEW) have moved.
     """
 
-    def __init__(self, table: MakeTable = HostTable) -> None:
+    def __init__(self, table: MakeTable) -> None:
         self.table = table("tlas_instances", INSTANCE_DTYPE, RECORD)
         self.count = 0
         self._indices: dict[int, int] = {}  # index of the record of each row
@@ -115,43 +114,45 @@ class TracedRecords:
         self.table.records[: self.count] = self.table.records[[self._indices[row] for row in rows.tolist()]]
         self.table.mark(range(self.count))
         self._indices = {row: index for index, row in enumerate(rows.tolist())}
-        self._sorted, self._moved = True, 0
+        self._sorted = True
+        self._moved = 0
         return True
 
 
-class TracedInstances(TracedRecords):
-    """The instances of a scene as rays see them."""
+class SceneTlas:
+    """The top-level acceleration structure over a scene's records, and a copy of it for motion through past frames."""
 
-    def __init__(self, device: Device) -> None:
-        self.tlas = Tlas(device, 16, name="scene")
-        super().__init__(partial(Table, device))
+    def __init__(self, device: Device, traced: TracedRecords) -> None:
+        self.current = Tlas(device, 16, name="scene")
+        self.previous: Tlas | None = None
+        """The structure as it was in the previous frame, while it is kept."""
         self._device = device
+        self._traced = traced
         self._rebuild = True
         self._build: TlasBuild | None = None
-        self.previous: Tlas | None = None
-        """The TLAS as it was in the previous frame, while it is kept."""
         self._copy: TlasCopy | None = None
         self._previous_differs = False
 
     def keep_previous(self, needed: bool) -> bool:
-        """Keep the TLAS of the previous frame from now on, or free it; returns whether `previous` is another one."""
+        """Keep the structure of the previous frame from now on, or free it; returns whether `previous` is another."""
         if needed == (self.previous is not None):
             return False
         if self.previous is not None:
             self.previous.destroy()
             self.previous = None
         else:
-            self.previous = Tlas(self._device, self.tlas.max_instances, name="previous scene")
-            self._previous_differs = self.tlas.built
+            self.previous = Tlas(self._device, self.current.max_instances, name="previous scene")
+            self._previous_differs = self.current.built
         return True
 
-    def update(self) -> bool:
-        """Restore the spatial order if needed; returns whether the TLAS was replaced by a larger one."""
-        self._rebuild |= self.sort() or bool(self.table.marked)
-        if self.count <= self.tlas.max_instances:
+    def make_room(self) -> bool:
+        """Sort the records if needed; returns whether the structure was replaced by a larger one."""
+        self._rebuild |= self._traced.sort() or bool(self._traced.table.marked)
+        count = self._traced.count
+        if count <= self.current.max_instances:
             return False
-        self.tlas.destroy()
-        self.tlas = Tlas(self._device, max(self.count, 2 * self.tlas.max_instances), name="scene")
+        self.current.destroy()
+        self.current = Tlas(self._device, max(count, 2 * self.current.max_instances), name="scene")
         if self.previous is not None:
             self.previous.destroy()
             self.previous = None
@@ -159,22 +160,23 @@ class TracedInstances(TracedRecords):
         return True
 
     def mark_all(self) -> None:
-        """Mark everything, so that it is uploaded and built again."""
-        self.table.mark_all()
+        """Have the next `rebuild` build the structure, whatever has changed."""
         self._rebuild = True
 
     def rebuild(self, meshes_kept: bool = True) -> None:
-        """If records changed, submit a build of the TLAS after their upload. Call it once in each frame.
+        """If records changed, submit a build after their upload. Call it once in each frame.
 
-        meshes_kept: no structure below the TLAS was destroyed since the last call. Otherwise rays can't be traced
-        through the TLAS of the previous frame, and this frame's takes its place.
+        meshes_kept: no structure of a mesh was destroyed since the last call. Otherwise rays can't be traced through
+        the structure of the previous frame, and this frame's takes its place.
         """
-        changed, self._rebuild = self._rebuild, False
+        changed = self._rebuild
+        self._rebuild = False
         keeps = changed and meshes_kept and self.previous is not None and self.previous.built
         if keeps:
-            self._copy_to_previous()
+            self._copy_to_previous()  # before the build overwrites it
         if changed:
             self._submit_build()
+        # In the first frame without changes both are the same again.
         if changed or self._previous_differs:
             if not keeps:
                 self._copy_to_previous()
@@ -183,25 +185,26 @@ class TracedInstances(TracedRecords):
     def _copy_to_previous(self) -> None:
         if self.previous is None:
             return
-        needed = self.tlas, self.previous
+        needed = self.current, self.previous
         if self._copy is None or self._copy.made_for != needed:
-            old, self._copy = self._copy, TlasCopy(*needed)
+            old = self._copy
+            self._copy = TlasCopy(*needed)
             if old is not None:
                 old.destroy()
         self._copy.submit()
 
     def _submit_build(self) -> None:
-        needed = self.tlas, self.table.buffer.address, self.count
+        # A build is prepared once, and submitted again as long as it reads and writes the same memory.
+        needed = self.current, self._traced.table.buffer.address, self._traced.count
         if self._build is None or self._build.made_for != needed:
-            old, self._build = self._build, TlasBuild(*needed)
+            old = self._build
+            self._build = TlasBuild(*needed)
             if old is not None:
                 old.destroy()
         self._build.submit()
 
     def destroy(self) -> None:
         """Free everything."""
-        for made in (self._build, self._copy, self.previous):
+        for made in (self._build, self._copy, self.previous, self.current):
             if made is not None:
                 made.destroy()
-        self.table.destroy()
-        self.tlas.destroy()

@@ -8,7 +8,6 @@ from typing import Any, Self
 
 from solari_vk.base.errors import Hints
 from solari_vk.bound.binder import SceneBinder
-from solari_vk.bound.scenes_binder import ScenesBinder
 from solari_vk.gpu.acceleration.checks import check_kind
 from solari_vk.gpu.device import raw
 from solari_vk.gpu.device.device import Device
@@ -27,9 +26,7 @@ class SceneUser(Hints):
     def __init__(self, device: Device, scene: Scene | SceneBinder) -> None:
         what = type(self).__name__
         self.device = checked_device(device, what)
-        check_kind(
-            scene, (Scene, SceneBinder, ScenesBinder), f"{what}: the scene", "give a solari_vk.Scene, or a SceneBinder"
-        )
+        check_kind(scene, (Scene, SceneBinder), f"{what}: the scene", "give a solari_vk.Scene, or a SceneBinder")
         self._owned = ExitStack()
         if not isinstance(scene, Scene):
             self.binder = scene

@@ -83,7 +83,7 @@ def assert_mirrors(binder, scene):
     binder.update()
     instances, materials, textures = (table(binder, name) for name in ("instances", "materials", "textures"))
     meshes, sources = table(binder, "meshes"), table(binder, "light_sources")
-    traced, geometry = binder.traced, binder._geometry
+    traced, geometry = binder.records.traced, binder.assets.geometry
     traced = traced.table.buffer.read(traced.table.records.dtype)[: traced.count]
     info = table(binder, "scene_infos")[0]
     emissive = [i for i in scene if i.visible and i.material.emits]

@@ -90,13 +90,13 @@ def probabilities(binder, instance):
     source = binder.lights.sources.records[binder.lights.index(instance)]
     mesh = instance.ray_mesh or instance.mesh
     key = mesh, instance.material.emissive_texture
-    buffer = binder.lamps.emissions._emissions[key].choices
+    buffer = binder.records.emissions._emissions[key].choices
     assert source["part_count"] == len(mesh.triangles)
     assert source["parts"] == (0 if buffer is None else buffer.address)
     if buffer is None:
         return None
     found = np.zeros(len(mesh.triangles))
-    found[binder._geometry.orders[mesh]] = buffer.read(CHOICE, len(found))["probability"]
+    found[binder.assets.geometry.orders[mesh]] = buffer.read(CHOICE, len(found))["probability"]
     return found
 
 

@@ -18,11 +18,11 @@ from solari_vk.scene.meshes.deformation import Deformation
 
 
 def shape_of(binder, instance):
-    return binder._uses[instance][0]
+    return binder.records._uses[instance][0]
 
 
 def record_of(binder, shape):
-    return binder._geometry.table.records[binder._geometry.rows[shape]]
+    return binder.assets.geometry.table.records[binder.assets.geometry.rows[shape]]
 
 
 def read(binder, instance, field, dtype=np.float32, columns=(3,)):
@@ -39,7 +39,7 @@ def vertices(binder, instance, user=None):
     """What the device has: positions, previous positions, and records of attributes."""
     binder.update(binder if user is None else user)
     places = (read(binder, instance, field) for field in ("positions", "previous_positions"))
-    return *places, read(binder, instance, "attributes", binder._geometry._attributes, ())
+    return *places, read(binder, instance, "attributes", binder.assets.geometry._attributes, ())
 
 
 def expected(mesh, matrices=None, weights=None):
@@ -133,13 +133,13 @@ def test_previous_positions_of_edited_meshes(bound):
             mesh.positions = mesh.positions + np.float32(0.1)
         for name in names:
             binder.update(users[name])
-            buffer, record = binder._geometry._buffers[mesh], record_of(binder, mesh)
+            buffer, record = binder.assets.geometry._buffers[mesh], record_of(binder, mesh)
             buffers[buffer.address] = mesh.positions
             assert int(record["positions"]) == buffer.address
             before = buffers[int(record["previous_positions"])]
             np.testing.assert_array_equal(before, shown.get(name, mesh.positions), err_msg=f"{frame} {name}")
             shown[name] = mesh.positions
-            edited = binder._geometry.posed._edited.get(mesh)
+            edited = binder.assets.geometry.posed._edited.get(mesh)
             assert edited is None or len(edited._earlier) <= len(shown)
     assert "SCENE_POSES" in binder.features
     mesh.uvs = mesh.uvs * 2
@@ -151,7 +151,7 @@ def test_previous_positions_of_edited_meshes(bound):
     mesh.positions = mesh.positions + np.float32(0.1)
     users.clear()
     binder.update()
-    assert not binder._geometry.posed._edited
+    assert not binder.assets.geometry.posed._edited
 
 
 def test_equal_poses_are_at_rest(bound):
@@ -250,11 +250,11 @@ class Poses(RuleBasedStateMachine):
         """What the records of instances and of meshes point to is there, and is right."""
         binder, user = self.binder, self.users[user % 2]
         binder.update(user)
-        geometry, traced = binder._geometry, binder.traced
+        geometry, traced = binder.assets.geometry, binder.records.traced
         records = traced.table.records[: traced.count]
         blases = {int(record["custom_index_and_mask"]) & 0xFFFFFF: record["blas_address"] for record in records}
         for row, instance in binder.instances.items():
-            shape, ray_shape, _ = binder._uses[instance]
+            shape, ray_shape, _ = binder.records._uses[instance]
             assert blases[row] == geometry.blases[ray_shape].address
             for mesh, used in ((instance.mesh, shape), (instance.ray_mesh or instance.mesh, ray_shape)):
                 buffer, triangles = geometry._buffers[mesh], int(record_of(binder, used)["triangles"])
@@ -297,15 +297,18 @@ def test_lights_follow_poses(bound):
     now, _, _ = vertices(binder, lamp)
     np.testing.assert_allclose(binder.lights.powers, before * [4, 1], rtol=1e-6)
     lights = binder.lights
-    leaves, order = lights.leaves.table.records[lights.leaves.leaves(lights.index(lamp))], binder._geometry.orders[skin]
+    leaves, order = (
+        lights.leaves.table.records[lights.leaves.leaves(lights.index(lamp))],
+        binder.assets.geometry.orders[skin],
+    )
     nodes = lights.leaves.tree.records[leaves["node"]]
     assert len(leaves) > 1
     assert nodes["half_size"].prod(axis=1).max() < 0.5 * (np.ptp(now, axis=0) / 2).prod()
     for leaf, node in zip(leaves, nodes, strict=True):
         corners = now[skin.triangles[order[leaf["first_part"] :][: leaf["part_count"]]]]
         assert (np.abs(corners - node["center"]) <= node["half_size"] * (1 + 1e-5)).all()
-    choices = binder.lamps.emissions._emissions[skin, None].choices
-    assert choices.read(binder.lamps.emissions._row)["probability"].min() > 0.05 / len(mesh.triangles)
+    choices = binder.records.emissions._emissions[skin, None].choices
+    assert choices.read(binder.records.emissions._row)["probability"].min() > 0.05 / len(mesh.triangles)
 
 
 def test_meshes_with_colors_alone(bound):
