@@ -14,14 +14,15 @@ Names are imported on first use, so that importing the package is fast and needs
 
 from __future__ import annotations
 
-import ast
+import sys
 from importlib import import_module
-from pathlib import Path
+from types import CodeType
 from typing import TYPE_CHECKING, Any
 
 __version__ = "0.2.0"
 
-# The public names, and the modules that define them: read by type checkers, and by `_homes` when a name is first used.
+# The public names, and the modules that define them. Type checkers read these imports. Python doesn't run them, but it
+# compiles them, and `_modules_by_name` reads the names from the compiled code. One import a line, sorted by module.
 if TYPE_CHECKING:
     from solari_vk.base.errors import CallbackError as CallbackError
     from solari_vk.base.errors import DeviceError as DeviceError
@@ -113,26 +114,39 @@ if TYPE_CHECKING:
     from solari_vk.studio.viewer.app import Viewer as Viewer
 
 
-def _homes() -> dict[str, str]:
-    """The module of each public name, from the imports above, which Python itself doesn't run."""
-    source = ast.parse(Path(__file__).read_text(encoding="utf-8"))
-    imports = [node for node in ast.walk(source) if isinstance(node, ast.ImportFrom)]
-    return {name.name: str(node.module) for node in imports for name in node.names if name.asname == name.name}
+def _modules_by_name(code: CodeType) -> dict[str, str]:
+    """The module of each public name, by the imports above.
+
+    Compiled code lists its names in the order in which it uses them first: a module, then what is imported from it. The
+    source isn't read, because it may be missing: programs that PyInstaller packs have compiled code alone.
+    """
+    modules: dict[str, str] = {}
+    module = ""
+    for name in code.co_names:
+        if name.startswith("solari_vk."):
+            module = name
+        elif name.startswith("_") and module:
+            break  # what this module defines after the imports
+        elif module:
+            modules[name] = module
+    return modules
 
 
-_HOMES = _homes()
-__all__ = ["__version__", *_HOMES]
+_MODULES = _modules_by_name(sys._getframe().f_code)
+__all__ = ["__version__", *_MODULES]
 
 
 def __getattr__(name: str) -> Any:
-    if name not in _HOMES:
+    if name not in _MODULES:
         from solari_vk.base.errors import unknown_attribute
 
         raise unknown_attribute("solari_vk has no", name, lambda: sorted(__all__))
-    home = import_module(_HOMES[name])
-    # A module, such as `rt`, is no attribute of its package before it is imported.
-    value = getattr(home, name, None) or import_module(f"{_HOMES[name]}.{name}")
-    globals()[name] = value
+    module = import_module(_MODULES[name])
+    if not hasattr(module, name):
+        # The name is that of a module, such as `rt`, which is no attribute of its package before it is imported.
+        import_module(f"{_MODULES[name]}.{name}")
+    value = getattr(module, name)
+    globals()[name] = value  # so that Python finds it at once the next time
     return value
 
 

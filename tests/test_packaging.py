@@ -6,6 +6,7 @@ By default with a few shaders of each kind; with all of them, which takes minute
 from __future__ import annotations
 
 import os
+import py_compile
 import re
 import shutil
 import subprocess
@@ -87,6 +88,15 @@ def test_a_version_that_is_not_ready_is_not_built(tmp_path, file, text, message)
     assert (done.returncode, message in done.stderr) == (1, True), done.stderr
 
 
+def test_public_names_need_no_source(tmp_path):
+    """They are those of the imports for type checkers, also where there is compiled code alone."""
+    source = ROOT / "solari_vk/__init__.py"
+    py_compile.compile(source, tmp_path / "solari_vk/__init__.pyc", doraise=True)
+    done = run("-c", "import solari_vk; print(*solari_vk._MODULES.items(), sep='\\n')", cwd=tmp_path, PYTHONPATH="")
+    imports = re.findall(r"^    from (\S+) import (\w+) as \2$", source.read_text(), re.MULTILINE)
+    assert done.stdout.splitlines() == [str((name, module)) for module, name in imports], done.stderr
+
+
 def entry_points(tree: Path) -> list[str]:
     glsl = tree / "glsl"
     return sorted(path.relative_to(glsl).as_posix() for path in glsl.rglob("*") if path.suffix in STAGES)
@@ -158,7 +168,7 @@ def test_wheel_has_package_glsl_and_compiled_shaders(tree, wheel):
     names = set(zipfile.ZipFile(wheel).namelist())
     modules = {
         path.relative_to(ROOT).as_posix()
-        for suffix in ("py", "js")
+        for suffix in ("py", "js", "toml")
         for path in (ROOT / "solari_vk").rglob(f"*.{suffix}")
     }
     libraries = {path.relative_to(tree / "glsl").as_posix() for path in (tree / "glsl").rglob("*.glsl")}

@@ -1,9 +1,10 @@
-"""Writes into docs/reference/*.md what is made from the code, so that the pages can be read without building the site.
+"""Writes into the pages of docs what is made from the code, so that they can be read without building the site.
 
     python tools/reference.py
 
-Each page keeps its own text. Between `<!-- made from the code: WHAT -->` and `<!-- end -->` stands what a function of
-MADE gives: lists of the names that the site shows in full, all settings, all debug views.
+Each page keeps its own text. Between `<!-- made from the code: WHAT -->` and `<!-- end -->` stands what the function
+WHAT of MADE gives: lists of the names that the site shows in full, all settings, all debug views. A function that makes
+several parts is told which one: `<!-- made from the code: calls Mitsuba -->`.
 """
 
 from __future__ import annotations
@@ -12,17 +13,19 @@ import argparse
 import importlib
 import inspect
 import re
+import tomllib
 from enum import Enum
 from itertools import groupby
 from pathlib import Path
 from typing import Any
 
 from solari_vk import cli
+from solari_vk.base.errors import OTHER_WORDS, other_words
 from solari_vk.passes.debug_views import DEBUG_VIEWS
 from solari_vk.settings import DEFAULTS, FIELDS, QUALITIES, allowed
 
-PAGES = Path(__file__).resolve().parents[1] / "docs" / "reference"
-PLACE = re.compile(r"(<!-- made from the code: (\w+) -->\n)(.*?)(<!-- end -->)", re.DOTALL)
+PAGES = Path(__file__).resolve().parents[1] / "docs"
+PLACE = re.compile(r"(<!-- made from the code: (\w+)(?: ([^\n]+))? -->\n)(.*?)(<!-- end -->)", re.DOTALL)
 NAMED = re.compile(
     r"^::: ([\w.]+)\n(?:    options:\n(?:      (?!members).*\n)*(?:      members: \[(.*)\]\n)?)?", re.MULTILINE
 )
@@ -170,14 +173,40 @@ def _spelling(action: argparse.Action) -> str:
     return f"`{value}`"
 
 
-MADE = {"names": names, "settings": settings, "views": views, "commands": commands}
+def calls(_: str, program: str) -> str:
+    """What one calls in another program, and what does it here."""
+    rows = tomllib.loads(OTHER_WORDS.read_text(encoding="utf-8"))["programs"][program]
+    return "\n".join(["| there | here |", "| --- | --- |", *(f"| {there} | {here} |" for there, here in rows)]) + "\n"
+
+
+def advice(_: str) -> str:
+    """The words of other programs that errors answer."""
+    lines = ["| asked of | words | answer |", "| --- | --- | --- |"]
+    for asked, answers in other_words().items():
+        words_by_answer: dict[str, list[str]] = {}
+        for word, answer in answers.items():
+            words_by_answer.setdefault(answer, []).append(f"`{word}`")
+        for answer, words in words_by_answer.items():
+            lines.append(f"| `{asked}` | {', '.join(words)} | {text_in_table(answer)} |")
+    return "\n".join(lines) + "\n"
+
+
+MADE = {"names": names, "settings": settings, "views": views, "commands": commands, "calls": calls, "advice": advice}
 
 
 def filled(page: str) -> str:
     """A page's text with what is made from the code of today."""
-    return PLACE.sub(lambda place: f"{place[1]}\n{MADE[place[2]](page)}\n{place[4]}", page)
+
+    def fill(place: re.Match[str]) -> str:
+        start, what, part, _, end = place.groups()
+        made = MADE[what](page) if part is None else MADE[what](page, part)
+        return f"{start}\n{made}\n{end}"
+
+    return PLACE.sub(fill, page)
 
 
 if __name__ == "__main__":
-    for path in sorted(PAGES.glob("*.md")):
-        path.write_text(filled(path.read_text(encoding="utf-8")), encoding="utf-8")
+    for path in sorted(PAGES.rglob("*.md")):
+        text = path.read_text(encoding="utf-8")
+        if PLACE.search(text):
+            path.write_text(filled(text), encoding="utf-8")

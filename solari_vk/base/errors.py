@@ -9,10 +9,9 @@ import re
 import sys
 import warnings
 from abc import ABCMeta
-from collections.abc import Callable, Iterable, Sequence
-from typing import TYPE_CHECKING, NoReturn, ParamSpec, TypeVar
-
-from solari_vk.base.other_words import advice_for
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NoReturn, ParamSpec, TypeVar
 
 Parameters = ParamSpec("Parameters")
 Result = TypeVar("Result")
@@ -21,6 +20,7 @@ MAX_NAMES = 16  # that a message lists; of more it lists the NEAREST to what was
 NEAREST = 5
 MAX_VALUE = 80  # characters of a value that a message quotes
 MAX_LINE = 2000
+OTHER_WORDS = Path(__file__).with_name("other_words.toml")
 _LONG_WORD = re.compile(r"[^\s/\\]{300,}")  # no file has so long a name
 _LONG_LINE = re.compile(rf"[^\n]{{{MAX_LINE + 1},}}")
 
@@ -70,28 +70,77 @@ class CallbackError(ExceptionGroup[Exception], SolariError):
     """Callbacks of the user raised `exceptions`. The device's state is the same as if they hadn't."""
 
 
+@functools.cache
+def other_words() -> dict[str, dict[str, str]]:
+    """The advice in other_words.toml: by what is asked, such as "Material", and by word, in lower case, what to say."""
+    import tomllib  # when the first error needs it: most programs never do
+
+    advice: dict[str, dict[str, str]] = {}
+    try:
+        entries = tomllib.loads(OTHER_WORDS.read_text(encoding="utf-8"))["advice"]
+    except OSError:  # programs that PyInstaller packs may lack the file, and an error must not need it
+        return advice
+    for entry in entries:
+        answer = entry.pop("say")
+        for asked, words in entry.items():
+            advice.setdefault(asked, {}).update(dict.fromkeys(words, answer))
+    return advice
+
+
+def advice_for(what: str, name: str) -> str:
+    """What a name of other programs is called here; "" if there is nothing to say.
+
+    what: the start of a message, such as "Material has no field".
+    """
+    return other_words().get(what.partition(" ")[0].rstrip(":"), {}).get(name, "")
+
+
 def unknown_name(what: str, name: object, known: Iterable[str]) -> SolariError:
     """The error for a name that isn't among the known ones: it says what another program's word is called here;
     otherwise it suggests the closest name, and lists a few names, or of many the nearest.
 
     what: the start of the message, such as "Material has no field".
     """
-    if isinstance(name, str) and (advice := advice_for(what, name.lower())):
-        return SolariError(f"{what} {quoted(name)}: {advice}")
+    if isinstance(name, str):
+        advice = advice_for(what, name.lower())
+        if advice:
+            return SolariError(f"{what} {quoted(name)}: {advice}")
     names = list(dict.fromkeys(filter(None, known)))
-    text = (name if isinstance(name, str) else quoted(name))[:MAX_VALUE].lower()
-    lower = {known.lower(): known for known in reversed(names)}
-    start = [known for known in lower if text.startswith(f"{known}_")]  # such as `add` for add_light
-    part = [known for known in lower if len(text) > 2 and (text in known or (len(known) > 2 and known in text))]
-    near = difflib.get_close_matches
-    close = [lower[known] for known in near(text, lower, 1, 0.8) or start or near(text, lower, 1) or part]
-    hint = f"did you mean '{close[0]}'? " if close else ""
+    text = name if isinstance(name, str) else quoted(name)
+    text = text[:MAX_VALUE].lower()
+    closest = _closest_name(text, names)
+    hint = f"did you mean '{closest}'? " if closest else ""
+    return SolariError(f"{what} {quoted(name)}; {hint}{_list_of(names, text, closest)}")
+
+
+def _closest_name(text: str, names: Sequence[str]) -> str:
+    """The name that a text in lower case stands for most likely, "" if none is near."""
+    by_lower = {name.lower(): name for name in reversed(names)}
+    # From sure to unsure: a slip of the finger, a longer word such as add_light for add, a similar word, a part of one.
+    candidates = (
+        difflib.get_close_matches(text, by_lower, 1, 0.8)
+        or [name for name in by_lower if text.startswith(f"{name}_")]
+        or difflib.get_close_matches(text, by_lower, 1)
+        or [name for name in by_lower if _is_part(text, name) or _is_part(name, text)]
+    )
+    return by_lower[candidates[0]] if candidates else ""
+
+
+def _is_part(part: str, whole: str) -> bool:
+    # One or two letters are a part of almost any word.
+    return len(part) > 2 and part in whole
+
+
+def _list_of(names: Sequence[str], text: str, closest: str) -> str:
+    """All names if they are few, else those that are nearest to a text, the closest one first."""
+    if not names:
+        return "there are none"
     if len(names) <= MAX_NAMES:
-        there = f"there are {', '.join(names)}" if names else "there are none"
-    else:
-        nearest = dict.fromkeys([*close, *(lower[known] for known in near(text, lower, NEAREST, 0.0))])
-        there = f"the nearest of {len(names)} are {', '.join(list(nearest)[:NEAREST])}"
-    return SolariError(f"{what} {quoted(name)}; {hint}{there}")
+        return f"there are {', '.join(names)}"
+    by_lower = {name.lower(): name for name in reversed(names)}
+    nearest = [by_lower[name] for name in difflib.get_close_matches(text, by_lower, NEAREST, 0.0)]
+    listed = dict.fromkeys([closest, *nearest] if closest else nearest)
+    return f"the nearest of {len(names)} are {', '.join(list(listed)[:NEAREST])}"
 
 
 def unknown_attribute(what: str, name: str, known: Callable[[], Iterable[str]]) -> AttributeError:
@@ -127,54 +176,72 @@ def checked_keywords(
     function's module, for messages."""
 
     def decorate(method: Callable[Parameters, Result]) -> Callable[Parameters, Result]:
-        parameters = list(inspect.signature(method).parameters.values())[not who :]
-        known = [p.name for p in parameters if p.kind not in (p.VAR_POSITIONAL, p.VAR_KEYWORD)]
-        in_order = [p.name for p in parameters if p.kind in (p.POSITIONAL_ONLY, p.POSITIONAL_OR_KEYWORD)]
-        takes_any = any(p.kind == p.VAR_POSITIONAL for p in parameters)
-        needed = [p.name for p in parameters if p.default is p.empty and p.name in known]
-        of = "" if method.__name__ == "__init__" else f".{method.__name__}"
+        signature = _Signature(method, hint, who)
 
         @functools.wraps(method)
-        def checked(*given: Parameters.args, **options: Parameters.kwargs) -> Result:
-            for name in options:
-                if name not in known:
-                    owner = f"{who or type(given[0]).__name__}{of}"
-                    error = unknown_name(f"{owner} has no option", name, known)
-                    raise SolariError(f"{error}{hint and f'; {hint}'}")
-            if not takes_any:
-                check_count(who or type(given[0]).__name__, of, given[not who :], in_order, known)
-            if missing := [name for name in needed if name not in {*in_order[: len(given[not who :])], *options}]:
-                raise SolariError(
-                    f"{who or type(given[0]).__name__}{of} needs {', '.join(missing)}: it takes ({', '.join(known)})"
-                )
-            return method(*given, **options)
+        def checked(*values: Parameters.args, **options: Parameters.kwargs) -> Result:
+            signature.check(values, options)
+            return method(*values, **options)
 
         return checked
 
     return decorate
 
 
+class _Signature:
+    """The parameters of a method, or of a function of the module `who`, and the errors for calls that don't fit."""
+
+    def __init__(self, method: Callable[..., Any], hint: str, who: str) -> None:
+        parameters = list(inspect.signature(method).parameters.values())
+        if not who:
+            del parameters[0]  # self
+        self._hint = hint
+        self._who = who
+        self._suffix = "" if method.__name__ == "__init__" else f".{method.__name__}"
+        self._names = [p.name for p in parameters if p.kind not in (p.VAR_POSITIONAL, p.VAR_KEYWORD)]
+        self._in_order = [p.name for p in parameters if p.kind in (p.POSITIONAL_ONLY, p.POSITIONAL_OR_KEYWORD)]
+        self._takes_any_count = any(p.kind == p.VAR_POSITIONAL for p in parameters)
+        self._needed = [p.name for p in parameters if p.default is p.empty and p.name in self._names]
+
+    def check(self, values: Sequence[Any], options: Mapping[str, object]) -> None:
+        """Raise SolariError if a call with these values, `self` among them, and options doesn't fit."""
+        owner = self._who or type(values[0]).__name__
+        positional = values if self._who else values[1:]
+        for name in options:
+            if name not in self._names:
+                error = unknown_name(f"{owner}{self._suffix} has no option", name, self._names)
+                raise SolariError(f"{error}; {self._hint}" if self._hint else str(error))
+        if not self._takes_any_count:
+            check_count(owner, self._suffix, positional, self._in_order, self._names)
+        given = {*self._in_order[: len(positional)], *options}
+        missing = [name for name in self._needed if name not in given]
+        if missing:
+            takes = ", ".join(self._names)
+            raise SolariError(f"{owner}{self._suffix} needs {', '.join(missing)}: it takes ({takes})")
+
+
 def check_count(
     owner: str, method: str, values: Sequence[object], in_order: Sequence[str], known: Iterable[str]
 ) -> None:
     """Raise SolariError for more values than the parameters `in_order`, the only ones that are given without names."""
-    if len(values) > len(in_order):
-        named = shortened(", ".join(f"{name}=" for name in known if name not in in_order))
-        pair = "; the size is one pair, (width, height)" if "size" in in_order else ""
-        raise SolariError(
-            f"{owner}{method} takes ({', '.join(in_order)}) without names, not {len(values)} values"
-            f"{named and f'; others have names: {named}'}{pair}"
-        )
+    if len(values) <= len(in_order):
+        return
+    message = f"{owner}{method} takes ({', '.join(in_order)}) without names, not {len(values)} values"
+    named = shortened(", ".join(f"{name}=" for name in known if name not in in_order))
+    if named:
+        message += f"; others have names: {named}"
+    if "size" in in_order:
+        message += "; the size is one pair, (width, height)"
+    raise SolariError(message)
 
 
-def warn_of_old_name(what: str, old: str, new: str) -> None:
-    """Warn that `old` has another name now."""
-    warn(f"{what}: {old} is called {new} now; the old name goes with version 0.4", FutureWarning)
-
-
-def warn(text: str, kind: type[Warning] = UserWarning) -> None:
+def warn(text: str) -> None:
     """Warn, at the line outside of the package that led here."""
-    level, frame, passed = 2, sys._getframe(1), {__package__, "functools", "contextlib", "dataclasses"}
+    # A frame of the standard library is passed too where it runs code of ours: a decorator, a context, a constructor.
+    passed = {"solari_vk", "functools", "contextlib", "dataclasses"}
+    level = 2
+    frame = sys._getframe(1)
     while frame.f_back is not None and frame.f_globals.get("__name__", "").partition(".")[0] in passed:
-        level, frame = level + 1, frame.f_back
-    warnings.warn(text, kind, stacklevel=level)
+        level += 1
+        frame = frame.f_back
+    warnings.warn(text, stacklevel=level)

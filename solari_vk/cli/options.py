@@ -60,6 +60,12 @@ class Command:
         return found
 
     @property
+    def description(self) -> str | None:
+        """What the help of the command says first. It isn't inherited: a part's job may derive from its command's."""
+        found: str | None = vars(self.job_type).get("DESCRIPTION")
+        return found
+
+    @property
     def parts(self) -> tuple[Command, ...]:
         """The commands below this one."""
         found: tuple[Command, ...] = vars(self.job_type).get("PARTS", ())
@@ -136,7 +142,7 @@ def _add_commands(place: Any, commands: Sequence[Command], wanted: str | None) -
         parser = place.add_parser(
             command.name,
             help=command.meaning,
-            description=getattr(job, "DESCRIPTION", None),
+            description=command.description,
             aliases=command.aliases,
             argument_default=argparse.SUPPRESS,
         )

@@ -13,9 +13,8 @@ from pathlib import Path
 from typing import Any
 
 import solari_vk as sv
-from solari_vk.base.errors import SolariError, quoted
+from solari_vk.base.errors import SolariError, advice_for, quoted
 from solari_vk.base.files import read_json
-from solari_vk.base.other_words import advice_for
 from solari_vk.cli.jobs import MovieJob, SceneOptions, StillJob
 from solari_vk.output.animation import MAX_CAMERAS, load_path, orbit, orbit_turns
 from solari_vk.scene.files.libraries import INSTALL

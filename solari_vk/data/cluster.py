@@ -12,9 +12,6 @@ The pictures are bit by bit the same for any number of workers. `OneDevice` does
 dask. docs/guides/clusters.md says how to run workers on Slurm and Kubernetes.
 """
 
-from typing import Any
-
-from solari_vk.base.errors import warn_of_old_name
 from solari_vk.data.datasets.journal import render_tasks
 from solari_vk.data.datasets.tasks import Meter, RenderTask, Style, View, blocks
 from solari_vk.renderers.cluster.device_session import OneDevice
@@ -35,12 +32,3 @@ __all__ = [
     "render_reference",
     "render_tasks",
 ]
-_RENAMED = {"Crew": "WorkerPool", "Shot": "RenderTask", "render_shots": "render_tasks"}
-
-
-def __getattr__(name: str) -> Any:
-    """What had another name, which warns until version 0.4."""
-    if name not in _RENAMED:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    warn_of_old_name(__name__, name, _RENAMED[name])
-    return globals()[_RENAMED[name]]

@@ -8,11 +8,11 @@ import operator
 import weakref
 from collections.abc import Callable, Mapping
 from dataclasses import MISSING, dataclass, field, fields
-from typing import TYPE_CHECKING, Any, ClassVar, Protocol, TypeVar, dataclass_transform
+from typing import Any, ClassVar, Protocol, TypeVar, dataclass_transform
 
 import numpy as np
 
-from solari_vk.base.errors import Hints, SolariError, check_count, shortened, unknown_name, warn_of_old_name
+from solari_vk.base.errors import Hints, SolariError, check_count, shortened, unknown_name
 
 _UNSEEN = {"name", "label", "part_of"}  # no picture depends on them
 
@@ -78,7 +78,6 @@ class Checked(Observable):
 
     _converters: ClassVar[Mapping[str, Callable[[Any], Any]]] = {}  # and those in the fields' metadata
     _aliases: ClassVar[Mapping[str, str]] = {}  # other names of fields
-    _renamed: ClassVar[Mapping[str, str]] = {}  # former names of fields, which warn until version 0.4
     _names: ClassVar[Mapping[str, None]] = {}  # the fields, in order; `checked` sets it
     _derived: ClassVar[tuple[str, ...]] = ()  # names that can be assigned, of which `_resolve` makes fields
     _defaults: ClassVar[Mapping[str, Any]] = {}  # of the fields; MISSING where there is none; `checked` sets it
@@ -89,14 +88,6 @@ class Checked(Observable):
     def __post_init__(self) -> None:
         self._validate()
         object.__setattr__(self, "_ready", True)
-
-    if not TYPE_CHECKING:  # or checkers would take any name
-
-        def __getattr__(self, name: str) -> Any:
-            if name not in self._renamed:
-                return super().__getattr__(name)
-            warn_of_old_name(type(self).__name__, name, self._renamed[name])
-            return getattr(self, self._renamed[name])
 
     def __setattr__(self, name: str, value: Any) -> None:
         self.update(**{name: value})
@@ -132,9 +123,7 @@ class Checked(Observable):
             return given
         names: dict[str, str] = {}  # by field: the name that was given
         for name in given:
-            if name in cls._renamed:
-                warn_of_old_name(cls.__name__, name, cls._renamed[name])
-            field = cls._renamed.get(name) or cls._aliases.get(name, name)
+            field = cls._aliases.get(name, name)
             if field not in cls._names and field not in cls._derived:
                 raise unknown_name(f"{cls.__name__} has no field", name, [*cls._names, *cls._aliases, *cls._derived])
             if field in names:

@@ -7,7 +7,7 @@ import functools
 from functools import partial
 from typing import Any
 
-from solari_vk.base.errors import Hints, SolariError, quoted, unknown_name, warn_of_old_name
+from solari_vk.base.errors import Hints, SolariError, quoted, unknown_name
 from solari_vk.settings.field import Field, setting
 from solari_vk.settings.layering import LAYERINGS
 from solari_vk.settings.presets import QUALITIES as QUALITIES
@@ -246,17 +246,12 @@ class Settings(SeparatePasses, Hints):
 
     def __new__(cls, *_: Any, **fields: Any) -> Settings:
         for name in fields:
-            if RENAMED.get(name, name) not in FIELDS:
+            if name not in FIELDS:
                 raise _unknown(name)
         return super().__new__(cls)
 
-    def __getattr__(self, name: str) -> Any:
-        if name not in RENAMED:
-            raise AttributeError(f"Settings: there is no setting '{name}'")
-        return getattr(self, _current(name))
-
     def __setattr__(self, name: str, value: Any) -> None:
-        checked = _check(name := _current(name), value)
+        checked = _check(name, value)
         object.__setattr__(self, "revision", self.revision + 1)
         object.__setattr__(self, name, checked)
 
@@ -269,7 +264,7 @@ class Settings(SeparatePasses, Hints):
 
     def reset(self, *names: str) -> None:
         """Set the named fields, or all without names, to their defaults."""
-        for name in map(_current, names or FIELDS):
+        for name in names or FIELDS:
             if name not in FIELDS:
                 raise _unknown(name)
             setattr(self, name, DEFAULTS[name])
@@ -277,7 +272,7 @@ class Settings(SeparatePasses, Hints):
     def update(self, text: str) -> None:
         """Set a field from a text "name=value"."""
         name, equals, value = text.partition("=")
-        name = _current(name.strip().replace("-", "_"))
+        name = name.strip().replace("-", "_")
         if not equals:
             raise SolariError(f"Settings: {quoted(text)} is not of the form name=value")
         if name not in FIELDS:
@@ -308,31 +303,20 @@ _fields = sorted(dataclasses.fields(Settings), key=lambda field: field.name not 
 FIELDS: dict[str, Field] = {field.name: field.metadata["field"] for field in _fields}
 DEFAULTS: dict[str, Any] = {field.name: field.default for field in _fields}
 
-RENAMED = {"paths_young_samples": "paths_short_history_samples", "denoise_frames": "denoise_max_history"}
-"""Former names, which warn until version 0.4."""
-
-
-def _current(name: str) -> str:
-    """The name that a setting has now."""
-    if name in RENAMED:
-        warn_of_old_name("Settings", name, RENAMED[name])
-    return RENAMED.get(name, name)
-
-
 _init = Settings.__init__
 
 
 @functools.wraps(_init)
-def _init_by_current_names(self: Settings, *values: Any, **fields: Any) -> None:
+def _init_by_name(self: Settings, *values: Any, **fields: Any) -> None:
     if values and isinstance(values[0], str):
         raise SolariError(
             f"Settings: takes name=value, not {quoted(values[0])}: Settings.preset({quoted(values[0])}) "
             f"has the settings of a quality, {', '.join(QUALITIES)}"
         )
-    _init(self, *values, **{_current(name): value for name, value in fields.items()})
+    _init(self, *values, **fields)
 
 
-Settings.__init__ = _init_by_current_names  # type: ignore[method-assign]
+Settings.__init__ = _init_by_name  # type: ignore[method-assign]
 
 
 def _unknown(name: str) -> SolariError:

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import re
+import tomllib
 
 import pytest
 from test_pages import DOCS, SMALLER, blocks, folder, text_of  # noqa: F401  # `folder` is a fixture
 
 import solari_vk as sv
+from solari_vk.base.errors import OTHER_WORDS
 from solari_vk.cli import _parser
 
 PAGE = DOCS / "guides/coming_from.md"
@@ -16,9 +18,9 @@ ON_A_DEVICE = {"tracer": sv.PathTracer, "renderer": sv.Renderer, "frame": sv.Ren
 
 def calls():
     """The code in the last cells of the tables of calls."""
-    for section in re.split(r"^## ", text_of(PAGE), flags=re.M)[2:]:
-        for cell in re.findall(r"^\| .* \| (.*) \|$", section, re.M)[1:]:
-            yield from re.findall(r"(?<!`)`([^`]+)`", cell)
+    for rows in tomllib.loads(text_of(OTHER_WORDS))["programs"].values():
+        for _, here in rows:
+            yield from re.findall(r"`([^`]+)`", here)
 
 
 def run(code, names):

@@ -13,7 +13,7 @@ import pytest
 from support.files import asset
 
 import solari_vk as sv
-from solari_vk.base.other_words import OTHER_WORDS
+from solari_vk.base.errors import other_words
 from solari_vk.gpu.device.device import Device
 
 HIT_FIELDS = ("t", "position", "primitive")
@@ -124,6 +124,12 @@ def test_errors_lead_to_the_answer(line, message):
         eval(line, {"sv": sv, "np": np})
 
 
+def test_a_warning_names_the_line_of_the_user():
+    with pytest.warns(UserWarning, match="a telescope's") as caught:
+        sv.Camera.look_at((0, 1, 0), (0, 0, 1), fov=0.9)
+    assert caught[0].filename == __file__
+
+
 def test_scenes_have_as_many_objects_as_loops_over_them():
     scene = sv.builtin("cornell_box")
     assert len(scene) == len(list(scene)) == len(scene.instances)
@@ -132,7 +138,7 @@ def test_scenes_have_as_many_objects_as_loops_over_them():
 
 def test_words_of_other_programs_are_answered():
     """By what they are called here; so none is ours, and what the answers name must be there."""
-    for owner, words in OTHER_WORDS.items():
+    for owner, words in other_words().items():
         names = owner.split(".")
         holder = sv if names[0] == "solari_vk" else getattr(sv, names[0], None)
         for name in names[1:]:

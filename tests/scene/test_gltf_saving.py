@@ -460,13 +460,6 @@ def test_a_sky_that_cannot_be_written_is_named(tmp_path, monkeypatch):
     assert not list(tmp_path.iterdir())
 
 
-def test_extras_have_former_names(tmp_path, writer):
-    extras = {"solari_vk": {"radius": 0.1, "casts_shadow": True}}
-    writer.json["extensions"] = {"KHR_lights_punctual": {"lights": [{"type": "point", "extras": extras}]}}
-    writer.json["nodes"] = [{"extensions": {"KHR_lights_punctual": {"light": 0}}}]
-    assert sv.load(writer.save(tmp_path / "old.gltf")).lights[0].blocks_light
-
-
 def test_extras_of_others_are_not_ours(tmp_path, writer):
     for extras in (None, 3, [], {"solari_vk": 1}, {"solari_vk": {"radius": -1}}):
         writer.json["extensions"] = {"KHR_lights_punctual": {"lights": [{"type": "point", "extras": extras}]}}

@@ -142,19 +142,6 @@ def test_the_blocks_have_the_settings_types():
             assert dtype[field].kind == ("f" if isinstance(values[f"{name}.{field}"], float) else "u")
 
 
-def test_names_of_version_0_2_warn_and_work():
-    with pytest.warns(FutureWarning, match="paths_young_samples is called paths_short_history_samples now"):
-        settings = sv.Settings(paths_young_samples=3)
-    with pytest.warns(FutureWarning):
-        settings.update("paths-young-samples=4")
-    with pytest.warns(FutureWarning):
-        assert settings.paths_young_samples == settings.paths_short_history_samples == 4
-    with pytest.warns(FutureWarning, match="denoise_frames is called denoise_max_history now"):
-        assert sv.Settings(denoise_frames=64).denoise_max_history == 64
-    with pytest.warns(FutureWarning, match="Crew is called WorkerPool now"):
-        assert sv.cluster.Crew is sv.cluster.WorkerPool
-
-
 def test_words_for_settings_leave_out_defaults():
     assert repr(sv.Settings()) == "Settings()"
     assert repr(sv.Settings(denoise=False, upscale=2)) == "Settings(upscale=2.0, denoise=False)"

@@ -79,7 +79,7 @@ def check_recipe(recipe: Any, who: str) -> None:
 
 def _known(section: str, kind: type[Checked]) -> tuple[str, ...]:
     fields = (name for name in kind._names if name not in ("name", "label", "part_of"))
-    return (*RELATIVE[section], *fields, *kind._aliases, *kind._renamed, *kind._derived)
+    return (*RELATIVE[section], *fields, *kind._aliases, *kind._derived)
 
 
 def _mapping(given: Any, place: str) -> Mapping[str, Any]:

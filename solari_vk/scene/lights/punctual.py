@@ -33,7 +33,6 @@ class PunctualLight(Light):
     blocks_light: bool = False
     name: str = ""
 
-    _renamed = {"casts_shadow": "blocks_light"}
     _converters = {
         "name": checks.text,
         "blocks_light": checks.flag,

@@ -133,10 +133,3 @@ def test_points_cast_no_shadows():
     lamp = sv.SpotLight((0, 0, 0), (0, -1, 0), radius=0.1, blocks_light=True)
     with pytest.raises(SolariError, match="set both by update"):
         lamp.radius = 0
-
-
-def test_the_former_name_of_blocks_light_warns():
-    with pytest.warns(FutureWarning, match="casts_shadow is called blocks_light now"):
-        lamp = sv.PointLight((0, 0, 0), radius=0.1, casts_shadow=True)
-    with pytest.warns(FutureWarning, match="casts_shadow is called blocks_light now"):
-        assert lamp.blocks_light is lamp.casts_shadow is True

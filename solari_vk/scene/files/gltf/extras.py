@@ -12,8 +12,6 @@ from solari_vk.scene.files.gltf.saving.content import plain
 from solari_vk.scene.files.gltf.values import Entry
 
 KEY = "solari_vk"
-FORMER = {"casts_shadow": "blocks_light"}
-"""Names of fields in files of older versions."""
 PORTAL = "portal"  # of a node that is one
 
 
@@ -21,8 +19,6 @@ def read_own(entry: Entry, names: Iterable[str]) -> dict[str, Any]:
     """Those of our fields that the extras of an object have. The classes of the scene check their values."""
     extras = entry.data.get("extras")  # which may be anything in files of others
     found = extras.get(KEY) if isinstance(extras, dict) else None
-    if isinstance(found, dict):
-        found = {FORMER.get(name, name): value for name, value in found.items()}
     return {name: found[name] for name in names if name in found} if isinstance(found, dict) else {}
 
 
