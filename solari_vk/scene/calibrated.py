@@ -27,24 +27,34 @@ def lens_of(camera: Any, size: tuple[int, int]) -> Lens:
 
     Raises SolariError for a distortion that isn't invertible in the picture.
     """
-    fov, distortion = camera.vertical_fov, tuple(camera.distortion.tolist())
+    distortion = tuple(camera.distortion.tolist())
     if camera.projection == "equirectangular":
-        half, distortion = (math.pi, math.pi / 2), (camera.eye_offset,)
+        # Longitude and latitude themselves, in radians, are the coordinates.
+        half = (math.pi, math.pi / 2)
+        distortion = (camera.eye_offset,)
     elif camera.projection == "cube":
-        half = 6.0, 1.0
+        half = (6.0, 1.0)  # six faces of 90 degrees in a row, each of which reaches from -1 to 1
     else:
-        if camera.orthographic_height:
-            half_height = camera.orthographic_height / 2
-        elif camera.projection == "fisheye":
-            half_height = fov / 2
-        else:
-            half_height = 2 * math.tan(fov / 4) if camera.projection == "stereographic" else math.tan(fov / 2)
-        half = half_height * size[0] / size[1] / camera.pixel_aspect, half_height
+        half_height = _half_height(camera)
+        half = (half_height * size[0] / size[1] / camera.pixel_aspect, half_height)
     x, y = camera.principal_point.tolist()
     try:
         return make_lens(camera.projection, half, (x, y), distortion, camera.image_circle, tuple(size))
     except SolariError as error:
         raise SolariError(f"{camera.describe()}: {error}") from None
+
+
+def _half_height(camera: Any) -> float:
+    """Half the height of a picture without distortion, in focal lengths: the radius at which the projection shows half
+    the vertical field of view. Of an orthographic camera in meters."""
+    if camera.orthographic_height:
+        return float(camera.orthographic_height / 2)
+    half_fov: float = camera.vertical_fov / 2
+    if camera.projection == "fisheye":
+        return half_fov
+    if camera.projection == "stereographic":
+        return 2 * math.tan(half_fov / 2)
+    return math.tan(half_fov)
 
 
 def _matrix(value: ArrayLike, what: str, *shape: int) -> Floats:
@@ -59,6 +69,22 @@ def _size(size: Any) -> tuple[int, int]:
     if given.shape != (2,) or given.dtype.kind not in "iu" or not (given > 0).all():
         raise SolariError(f"Camera: size is (width, height) in pixels, not {quoted(size)}")
     return int(given[0]), int(given[1])
+
+
+def _opencv_rotation(R: ArrayLike) -> Floats:
+    """A rotation (3, 3) from one, or from OpenCV's rotation vector (3,), whose length is the angle about it
+    (cv2.Rodrigues)."""
+    if np.size(R) == 3:
+        vector = _matrix(np.ravel(R), "R", 3)
+        return rotation_about(vector, float(np.linalg.norm(vector))) if vector.any() else np.eye(3)
+    rotation = _matrix(R, "R", 3, 3)
+    error = np.abs(rotation @ rotation.T - np.eye(3)).max()
+    if not error < ROTATION_TOLERANCE or np.linalg.det(rotation) < 0:
+        raise SolariError(
+            "Camera.from_opencv: R is a rotation from the world to the camera. The rows of this one "
+            f"aren't perpendicular and of length 1, or it mirrors: {rotation.tolist()}"
+        )
+    return rotation
 
 
 class Calibrated:
@@ -92,26 +118,17 @@ class Calibrated:
             raise SolariError("Camera.from_opencv: give size=(width, height), of the picture that K belongs to")
         (fx, skew, cx), (zero, fy, cy), last = _matrix(K, "K", 3, 3).tolist()
         shift = _matrix(np.ravel(t), "t", 3)
-        turn = _matrix(np.ravel(R), "R", 3) if np.size(R) == 3 else None
-        if turn is None:
-            rotation = _matrix(R, "R", 3, 3)
-        else:
-            rotation = rotation_about(turn, float(np.linalg.norm(turn))) if turn.any() else np.eye(3)
+        rotation = _opencv_rotation(R)
         width, height = _size(size)
         if skew or zero or last != [0, 0, 1] or not (fx > 0 and fy > 0):
             raise SolariError(
                 "Camera.from_opencv: K is [[fx, 0, cx], [0, fy, cy], [0, 0, 1]], with fx and fy above 0 "
                 f"and no skew, not {np.asarray(K).tolist()}"
             )
-        off = np.abs(rotation @ rotation.T - np.eye(3)).max()
-        if not off < ROTATION_TOLERANCE or np.linalg.det(rotation) < 0:
-            raise SolariError(
-                "Camera.from_opencv: R is a rotation from the world to the camera. The rows of this one "
-                f"aren't perpendicular and of length 1, or it mirrors: {rotation.tolist()}"
-            )
         transform = np.eye(4)
         transform[:3, :3] = rotation.T @ FROM_OPENCV
         transform[:3, 3] = -rotation.T @ shift
+        # The inverse of `_half_height`. The picture's middle need not be the principal point.
         half = height / 2 / fy
         wide = {"fisheye": 2 * half, "equidistant": 2 * half, "stereographic": 4 * math.atan(half / 2)}
         fov = wide.get(projection, 2 * math.atan(half))
@@ -120,6 +137,7 @@ class Calibrated:
             projection=projection,
             vertical_fov=fov,
             pixel_aspect=fx / fy,
+            # OpenCV counts from the center of the first pixel, a principal point from the picture's corner.
             principal_point=((cx + 0.5) / width, (cy + 0.5) / height),
             distortion=np.ravel(distortion),
             **fields,
@@ -201,6 +219,20 @@ class Calibrated:
         isn't before the camera, an f-number that isn't positive, and orthographic cameras, panoramas and cubes, which
         have no focal length.
         """
+        distance = self._distance_to(target)
+        has_none = self.orthographic_height or self.projection in ("equirectangular", "cube")
+        if not distance > 0 or not f_number > 0 or has_none:
+            raise SolariError(
+                "Camera.focus_on: a camera with a focal length, a target before it and a positive "
+                f"f-number are needed, not {distance:g} m and f/{f_number}"
+            )
+        # The picture's half height is in focal lengths, the sensor's in meters.
+        focal_length = sensor_height / 2 / lens_of(self, (1, 1)).half[1]
+        self.update(focus_distance=distance, aperture=focal_length / f_number)
+        return self
+
+    def _distance_to(self: Any, target: Any) -> float:
+        """The distance at which `focus_on` focuses: along the view axis, of wide lenses along the ray."""
         if hasattr(target, "posed_mesh"):
             box = bounds_of([target])
             target = box.center if box is not None else target
@@ -208,18 +240,12 @@ class Calibrated:
             given = np.asarray(target, np.float64)
         except (TypeError, ValueError):
             raise SolariError(f"Camera.focus_on: target is a point (3,) or a distance, not {quoted(target)}") from None
-        back = self.transform[:3, 2] / np.linalg.norm(self.transform[:3, 2])
         if given.shape not in ((), (3,)):
             raise SolariError(f"Camera.focus_on: target is a point (3,) or a distance, not of the shape {given.shape}")
-        away = self.transform[:3, 3] - given if given.shape == (3,) else given
-        wide = given.shape == (3,) and self.projection != "perspective"
-        distance = float(np.linalg.norm(away) if wide else away @ back if given.shape == (3,) else given)
-        has_none = self.orthographic_height or self.projection in ("equirectangular", "cube")
-        if not distance > 0 or not f_number > 0 or has_none:
-            raise SolariError(
-                "Camera.focus_on: a camera with a focal length, a target before it and a positive "
-                f"f-number are needed, not {distance:g} m and f/{f_number}"
-            )
-        focal_length = sensor_height / 2 / lens_of(self, (1, 1)).half[1]
-        self.update(focus_distance=distance, aperture=focal_length / f_number)
-        return self
+        if given.shape == ():
+            return float(given)
+        to_camera = self.transform[:3, 3] - given
+        if self.projection != "perspective":
+            return float(np.linalg.norm(to_camera))
+        back = self.transform[:3, 2] / np.linalg.norm(self.transform[:3, 2])
+        return float(to_camera @ back)

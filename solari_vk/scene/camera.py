@@ -170,7 +170,8 @@ class Camera(Checked, Placed, Calibrated):
                 given["vertical_fov"] = math.radians(checks.number(0.01, 360, "degrees")(given.pop("fov")))
             except (TypeError, ValueError) as error:
                 raise SolariError(f"Camera: fov {error}") from None
-            if (fov := math.degrees(given["vertical_fov"])) < LIKELY_RADIANS:
+            fov = math.degrees(given["vertical_fov"])
+            if fov < LIKELY_RADIANS:
                 warn(f"Camera: fov is in degrees, and {fov:g} is a telescope's: in radians it is vertical_fov={fov:g}")
         return cls._place(given, current) if given.keys() & {"transform", *PARTS} else given
 

@@ -46,16 +46,11 @@ def array(
         if value is None and optional:
             return None
         given = real(value)
-        if np.issubdtype(dtype, np.integer) and given.size and not np.issubdtype(given.dtype, np.integer):
-            raise ValueError(f"must be integers, not {given.dtype}")
-        if np.issubdtype(dtype, np.integer) and given.size and (given.min() < 0 or given.max() > np.iinfo(dtype).max):
-            raise ValueError(f"must lie between 0 and {np.iinfo(dtype).max}")
+        if np.issubdtype(dtype, np.integer):
+            _refuse_unless_integers(given, dtype)
         with np.errstate(over="ignore"):  # overflow gives infinity, which is refused below
             array = np.array(given, dtype=dtype, order="C")
-        fits = array.ndim == len(shape) and all(w is None or w == n for w, n in zip(shape, array.shape, strict=True))
-        if not fits:
-            wanted = ", ".join("N" if n is None else str(n) for n in shape) + "," * (len(shape) == 1)
-            raise ValueError(f"must have the shape ({wanted}), not {array.shape}")
+        _refuse_other_shapes(array, shape)
         refuse_not_finite(array)
         if max_abs < math.inf and array.size and np.abs(array).max() > max_abs:
             raise ValueError(f"must lie within {max_abs:g}")
@@ -63,6 +58,27 @@ def array(
         return array
 
     return convert
+
+
+def _refuse_unless_integers(given: NDArray[Any], dtype: Any) -> None:
+    """Raise ValueError for numbers that this type of integers doesn't have: numpy would wrap them around."""
+    if not given.size:
+        return
+    if not np.issubdtype(given.dtype, np.integer):
+        raise ValueError(f"must be integers, not {given.dtype}")
+    largest = np.iinfo(dtype).max
+    if given.min() < 0 or given.max() > largest:
+        raise ValueError(f"must lie between 0 and {largest}")
+
+
+def _refuse_other_shapes(array: NDArray[Any], shape: tuple[int | None, ...]) -> None:
+    """Raise ValueError unless an array has a shape, in which None stands for any length."""
+    has_shape = array.ndim == len(shape)
+    if has_shape and all(wanted in (None, length) for wanted, length in zip(shape, array.shape, strict=True)):
+        return
+    lengths = ["N" if length is None else str(length) for length in shape]
+    wanted = f"{lengths[0]}," if len(lengths) == 1 else ", ".join(lengths)
+    raise ValueError(f"must have the shape ({wanted}), not {array.shape}")
 
 
 def vertex_colors(value: Any) -> FloatArray | None:

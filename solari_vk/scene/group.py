@@ -101,27 +101,24 @@ class Group(Scaled, Hints):
         """Assign the transform, or several of its parts at once; nothing moves if one object can't. And `label` and
         `part_of` of all instances."""
         names = {name: fields.pop(name) for name in NAMES if name in fields}
+        # Everything is checked before the first object changes.
+        self._check_names(names)
+        moves = bool(fields)
+        after = self._changed(fields, self._transform)
+        if moves:
+            _move_all(self._held(), after @ np.linalg.inv(self._transform))
+        self._place(after)
+        if names:
+            for item in self.items:
+                if isinstance(item, Instance):
+                    item.update(**names)
+
+    def _check_names(self, names: dict[str, Any]) -> None:
         for name, value in names.items():
             try:
                 Instance._converters[name](value)
             except (TypeError, ValueError) as error:
                 raise SolariError(f"{self.describe()}: {name} {error}") from None
-        moved = self._held() if fields else {}
-        after = self._changed(fields, self._transform)
-        move = after @ np.linalg.inv(self._transform)
-        before = []
-        try:
-            for item in moved:
-                before.append((item, _where(item)))
-                _move(item, move)
-        except SolariError:
-            for item, was in before:
-                (item._place if isinstance(item, Group) else item.update)(**was)
-            raise
-        self._place(after)
-        for item in self.items if names else ():
-            if isinstance(item, Instance):
-                item.update(**names)
 
     def _place(self, transform: NDArray[np.float64]) -> None:
         transform.setflags(write=False)
@@ -202,6 +199,22 @@ def _where(item: Any) -> dict[str, Any]:
     """The fields of an object that `_move` changes."""
     names = ("transform",) if isinstance(item, Group | Instance | Camera) else _PLACES
     return {name: getattr(item, name) for name in names if hasattr(item, name)}
+
+
+def _move_all(items: Iterable[Any], move: NDArray[np.float64]) -> None:
+    """Move objects, or none of them if one refuses, such as for coordinates that are too large."""
+    before = []
+    try:
+        for item in items:
+            before.append((item, _where(item)))
+            _move(item, move)
+    except SolariError:
+        for item, fields in before:
+            if isinstance(item, Group):
+                item._place(fields["transform"])
+            else:
+                item.update(**fields)
+        raise
 
 
 def _move(item: Any, move: NDArray[np.float64]) -> None:

@@ -125,6 +125,7 @@ _OF_TRIMESH = {
     "metallicRoughnessTexture": "metallic_roughness_texture",
     "emissiveTexture": "emissive_texture",
 }
+_TRIMESH_GRAY = 102  # the diffuse color of a SimpleMaterial that has none, of 255
 
 
 @checked
@@ -253,28 +254,23 @@ class Material(OnDevice):
             mode = "blend" if visual.transparency else "opaque"
             return cls(base_color=np.ones(3, np.float32), alpha_mode=mode, double_sided=True)
         given = getattr(visual, "material", None)
-        if given is None or (visual.uv is None and getattr(given, "image", None) and given.image.size == (2, 2)):
-            return cls()  # trimesh gives meshes without a material one with such an image
-        simple = hasattr(given, "to_pbr")
-        pbr = given.to_pbr() if simple else given
-        said = {name: value for name in _OF_TRIMESH if (value := getattr(pbr, name, None)) is not None}
-        lost = [name for name in said if name.endswith("Texture") and visual.uv is None]
-        if not hasattr(pbr, "baseColorFactor") or visual.face_materials is not None:
-            lost.append("materials of single faces")
-        if lost:
-            warn(f"a mesh of trimesh: {', '.join(lost)} left out; textures need uvs, a mesh has one material")
-        color = np.asarray(said.pop("baseColorFactor", (255,) * 4)) / 255
-        if simple and "baseColorTexture" in said and (given.diffuse[:3] == 102).all():
-            color = np.ones(4)  # the gray is trimesh's default
-        fields: dict[str, Any] = {"metallic": 0.0 if simple else 1.0, "perceptual_roughness": 1.0}
-        for name in said.keys() - set(lost):
-            value = said[name]
+        if given is None or _is_placeholder(visual):
+            return cls()
+        # A SimpleMaterial, of .mtl files, makes a PBRMaterial of itself.
+        is_simple = hasattr(given, "to_pbr")
+        pbr = given.to_pbr() if is_simple else given
+        values = {name: getattr(pbr, name) for name in _OF_TRIMESH if getattr(pbr, name, None) is not None}
+        color = np.asarray(values.pop("baseColorFactor", (255,) * 4)) / 255
+        if is_simple:
+            if "baseColorTexture" in values and (given.diffuse[:3] == _TRIMESH_GRAY).all():
+                color = np.ones(4)  # nobody chose the gray, which would darken the texture
+            values |= {"doubleSided": True, "alphaMode": "blend" if color[3] < 1 else "opaque"}
+        _drop_unusable(values, visual, pbr)
+        fields: dict[str, Any] = {"metallic": 0.0 if is_simple else 1.0, "perceptual_roughness": 1.0}
+        for name, value in values.items():
             fields[_OF_TRIMESH[name]] = np.asarray(value.convert("RGBA")) if name.endswith("Texture") else value
-        if simple:
-            fields |= {"double_sided": True, "alpha_mode": "blend" if color[3] < 1 else "opaque"}
-        mode = str(fields.pop("alpha_mode", "opaque")).lower()
-        fields |= {"base_color": color[:3], "alpha": color[3], "alpha_mode": mode, "name": str(given.name or "")}
-        return cls(**fields)
+        fields["alpha_mode"] = str(fields.get("alpha_mode", "opaque")).lower()
+        return cls(**fields | {"base_color": color[:3], "alpha": color[3], "name": str(given.name or "")})
 
     @property
     def emits(self) -> bool:
@@ -284,6 +280,7 @@ class Material(OnDevice):
     @property
     def absorption(self) -> NDArray[np.float64]:
         """What a solid absorbs by the law of Beer and Lambert, (3,) per meter."""
+        # KHR_materials_volume: the color is exp(-absorption * distance). Black would need an infinite absorption.
         depth = -np.log(np.maximum(self.attenuation_color.astype(np.float64), np.exp(-LARGEST_OPTICAL_DEPTH)))
         return np.asarray(depth / self.attenuation_distance)
 
@@ -295,6 +292,7 @@ class Material(OnDevice):
     @property
     def _reflectance_scale(self) -> float:
         """What `relative_reflectance` is for a reflectance of 1."""
+        # F0 of a dielectric is ((ior - 1) / (ior + 1))^2, which is 0.04, or (1 / 5)^2, with an ior of 1.5.
         return 5 * (self.ior - 1) / (self.ior + 1)
 
     @property
@@ -319,11 +317,29 @@ class Material(OnDevice):
         """Whether shaders need more than a diffuse lobe below an isotropic specular one of full weight, or glass."""
         if not self._given.keys().isdisjoint(LAYERS):
             return True  # tensors give these where shaders have layers
+        # Each of these brings the shader with layers, which costs more at each hit.
         weights = (self.clearcoat, self.anisotropy, self.sheen_color.max(), 1 - self.specular)
         # Without layers the G-buffer holds the reflectance as one number in [0, 1].
         colored = bool(np.ptp(self.reflectance) > 0 or self.relative_reflectance.max() > 1)
         textured = bool(self.specular_texture or self.specular_color_texture)
         return colored or textured or any(weight > 0 for weight in weights)
+
+
+def _is_placeholder(visual: Any) -> bool:
+    """Whether a mesh of trimesh has the material of those without one: no uvs, and an image of 2 x 2 pixels."""
+    image: Any = getattr(visual.material, "image", None)
+    return visual.uv is None and bool(image) and image.size == (2, 2)
+
+
+def _drop_unusable(values: dict[str, Any], visual: Any, pbr: Any) -> None:
+    """Leave textures out that a mesh without uvs can't show, and warn of them and of materials of single faces."""
+    lost = [name for name in values if name.endswith("Texture") and visual.uv is None]
+    for name in lost:
+        del values[name]
+    if not hasattr(pbr, "baseColorFactor") or visual.face_materials is not None:
+        lost.append("materials of single faces")
+    if lost:
+        warn(f"a mesh of trimesh: {', '.join(lost)} left out; textures need uvs, a mesh has one material")
 
 
 LIMITS: dict[str, tuple[float, float]] = {

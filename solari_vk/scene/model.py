@@ -56,7 +56,7 @@ class Scene(Grouping, Observable):
         self._meters: bool | None = None  # whether the camera that is made by default chooses its exposure; False: 0
         self.backdrop: Instance | None = None
         """The instance that the default camera and `bounds` leave out: the floor of `studio_lights`."""
-        self._own_materials: dict[Instance, Material] = {}
+        self._original_materials: dict[Instance, Material] = {}  # of the instances that a variant has changed
         self.variants: dict[str, dict[Instance, Material]] = {}
         """The materials of instances by the name of a variant, as `use_variant` assigns them."""
         self.warnings: list[str] = []
@@ -176,12 +176,15 @@ class Scene(Grouping, Observable):
         anything else.
         """
         if type(item).__module__.partition(".")[0] == "trimesh":
-            item, material = Mesh.from_trimesh(item), material or Material.from_trimesh(item)
+            material = material or Material.from_trimesh(item)
+            item = Mesh.from_trimesh(item)
         where = parts if transform is None else {"transform": transform, **parts}
         if isinstance(item, Mesh):
             return self._instances.add(Instance(item, material or Material(), name=name, **where))
-        if isinstance(item, Scene | str | os.PathLike) and material is None:
-            return self._add_scene(item, name, where)
+        if material is None and isinstance(item, Scene):
+            return self._add_copies(item, name, where)
+        if material is None and isinstance(item, str | os.PathLike):
+            return self._add_copies(self._read(item), name, where)
         for word in parts.keys() - set(PARTS):
             raise unknown_name("Scene.add has no option", word, ("material", "transform", "name", *PARTS))
         if material is not None or where or name:
@@ -191,17 +194,21 @@ class Scene(Grouping, Observable):
             )
         return self._holder(item).add(item)
 
-    def _add_scene(self, source: Scene | str | os.PathLike[str], name: str, where: dict[str, Any]) -> Group:
-        if not isinstance(source, Scene):
-            loaded: Scene = read_file(source)
-            self.warnings.extend(loaded.warnings)
-            loaded.name = Path(source).stem if loaded.name in ("", "Scene") else loaded.name  # Blender writes "Scene"
-            return self._add_scene(loaded, name, where)
+    def _read(self, path: str | os.PathLike[str]) -> Scene:
+        """The scene of a file, whose warnings become this scene's, with a name that says something."""
+        loaded: Scene = read_file(path)
+        self.warnings.extend(loaded.warnings)
+        if loaded.name in ("", "Scene"):  # which Blender writes
+            loaded.name = Path(path).stem
+        return loaded
+
+    def _add_copies(self, source: Scene, name: str, where: dict[str, Any]) -> Group:
+        """Add copies of a scene's instances and lights, as one group."""
         if len(source.animations):
             warn(f"{source.describe()}: its clips aren't added; open a file to play them")
         shown = [instance for instance in source if instance is not source.backdrop]
-        sky = source.environment.lights if source.environment else ()  # with the sun of a Sky
-        lights = [light for light in source.lights if not any(light is part for part in sky)]
+        environment = set(source.environment.lights) if source.environment else set()  # with the sun of a Sky
+        lights = [light for light in source.lights if light not in environment]
         group = Group(copies(shown, lights, name, {one.part_of for one in self}), name=name)
         group.name = name or (source.name and distinct(source.name, {other.name: 1 for other in self._groups}))
         group.update(**where)
@@ -217,12 +224,11 @@ class Scene(Grouping, Observable):
         Raises SolariError for an object and a name that the scene doesn't have.
         """
         if isinstance(item, str):
-            self.remove(self._named(item))
-        elif isinstance(item, Group):
-            for inner in item.items:
-                if inner not in self._holder(inner):
-                    self._holder(inner).remove(inner)  # raises, before another object is gone
-            for inner in item.items:
+            item = self._named(item)
+        if isinstance(item, Group):
+            missing = [inner for inner in item.items if inner not in self._holder(inner)]
+            # The removal of what is missing raises the error, before another object is gone.
+            for inner in missing or item.items:
                 self.remove(inner)
         elif isinstance(item, EnvironmentLight) and item is self.environment:
             self.environment = None
@@ -242,7 +248,7 @@ class Scene(Grouping, Observable):
             "camera": len(self._cameras),
             "clip": len(self._animations),
         }
-        words = [f"{count} {what}{'s' * (count != 1)}" for what, count in counts.items() if count]
+        words = [f"{count} {what}{'' if count == 1 else 's'}" for what, count in counts.items() if count]
         return f"<{self.describe()}: {', '.join(words) or 'empty'}>"
 
     def __iter__(self) -> Iterator[Instance]:
@@ -264,9 +270,9 @@ class Scene(Grouping, Observable):
         """
         if name is not None and name not in self.variants:
             raise unknown_name("there is no variant", name, self.variants)
-        for instance, material in (self._own_materials if name is None else self.variants[name]).items():
+        for instance, material in (self._original_materials if name is None else self.variants[name]).items():
             if name is not None:
-                self._own_materials.setdefault(instance, instance.material)
+                self._original_materials.setdefault(instance, instance.material)
             instance.material = material
 
     def camera_for(
@@ -290,7 +296,8 @@ class Scene(Grouping, Observable):
         if self._camera is None:
             if self._cameras:
                 return self._cameras[0]
-            if (camera := default_camera(poses(self, self._subject, clip), aspect, turns)) is None:
+            camera = default_camera(poses(self, self._shown_instances, clip), aspect, turns)
+            if camera is None:
                 return Camera()
             if self._meters is not None:
                 camera.update(ev100=0.0, auto_exposure=self._meters)
@@ -308,14 +315,14 @@ class Scene(Grouping, Observable):
             raise SolariError(f"{self.describe()}: camera must be a Camera, not {type(camera).__name__}")
         self._camera = camera
 
-    def _subject(self) -> list[Instance]:
+    def _shown_instances(self) -> list[Instance]:
         """The visible instances but the backdrop."""
         return [instance for instance in self._instances if instance.visible and instance is not self.backdrop]
 
     @property
     def bounds(self) -> Bounds:
         """The bounding box of all visible instances but the backdrop. Raises SolariError if there are none."""
-        bounds = bounds_of(self._subject())
+        bounds = bounds_of(self._shown_instances())
         if bounds is None:
             raise SolariError(f"{self.describe()} has no visible instance, so it has no bounds")
         return bounds

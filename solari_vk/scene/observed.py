@@ -14,7 +14,8 @@ import numpy as np
 
 from solari_vk.base.errors import Hints, SolariError, check_count, shortened, unknown_name
 
-_UNSEEN = {"name", "label", "part_of"}  # no picture depends on them
+# No picture depends on these fields: assigning them costs no work on the device.
+_UNSEEN = {"name", "label", "part_of"}
 
 
 class Watcher(Protocol):
@@ -35,17 +36,21 @@ class Observable(Hints):
 
     def unwatch(self, watcher: Watcher) -> None:
         """Stop notifying a watcher."""
-        alive = tuple(r for r in self._watchers if (w := r()) is not None and w is not watcher)
-        object.__setattr__(self, "_watchers", alive)
+        others = tuple(weakref.ref(other) for other in self._alive_watchers() if other is not watcher)
+        object.__setattr__(self, "_watchers", others)
+
+    def _alive_watchers(self) -> list[Watcher]:
+        """The watchers that haven't been deleted."""
+        watchers = [reference() for reference in self._watchers]
+        return [watcher for watcher in watchers if watcher is not None]
 
     def __getstate__(self) -> dict[str, Any]:
         """For copies: they have no watchers, such as a renderer's binder, which know the original only."""
         return {name: value for name, value in self.__dict__.items() if name != "_watchers"}
 
     def _notify(self, changed: Observable) -> None:
-        for reference in self._watchers:
-            if (watcher := reference()) is not None:
-                watcher.note(changed)
+        for watcher in self._alive_watchers():
+            watcher.note(changed)
 
     def describe(self) -> str:
         """The object's kind and name, for messages."""
@@ -94,26 +99,38 @@ class Checked(Observable):
 
     def update(self, **fields: Any) -> None:
         """Assign several fields at once; nothing is changed if one of them is refused."""
-        fields = self._by_field(fields, self)
+        converted = self._converted(self._by_field(fields, self))
+        before = {name: vars(self).get(name, MISSING) for name in converted}
+        for name, value in converted.items():
+            object.__setattr__(self, name, value)
+        # The constructor assigns field by field, and validates when it has all of them.
+        if not self._ready:
+            return
+        try:
+            self._validate()
+        except SolariError:
+            self._restore(before)
+            raise
+        if not converted.keys() <= _UNSEEN:
+            self._notify(self)
+
+    def _converted(self, fields: dict[str, Any]) -> dict[str, Any]:
+        """The values of fields as they are stored. Raises SolariError for a value that a field can't have."""
         converted = {}
         for name, value in fields.items():
             try:
                 converted[name] = self._converters[name](value) if name in self._converters else value
             except (TypeError, ValueError, OverflowError) as error:
                 raise SolariError(f"{self.describe()}: {name} {error}") from None
-        before = {name: vars(self).get(name, MISSING) for name in fields} if self._ready else {}
-        for name, value in converted.items():
-            object.__setattr__(self, name, value)
-        if not self._ready:
-            return
-        try:
-            self._validate()
-        except SolariError:
-            for name, value in before.items():
-                vars(self).pop(name) if value is MISSING else object.__setattr__(self, name, value)
-            raise
-        if not fields.keys() <= _UNSEEN:
-            self._notify(self)
+        return converted
+
+    def _restore(self, before: dict[str, Any]) -> None:
+        """Assign former values without checks. MISSING: the object had none, since a device has the field."""
+        for name, value in before.items():
+            if value is MISSING:
+                vars(self).pop(name)
+            else:
+                object.__setattr__(self, name, value)
 
     @classmethod
     def _by_field(cls, given: dict[str, Any], current: Checked | None = None) -> dict[str, Any]:

@@ -27,9 +27,23 @@ class DeviceArray(Protocol):
 
 def _on_some_device(objects: Sequence[Any], values: Any) -> DeviceArray | None:
     """A tensor on the device of a watcher of objects; None for what the host must read."""
-    watchers = {id(found): found for item in objects for reference in item._watchers if (found := reference())}
-    takers = [taker for found in watchers.values() if (taker := getattr(found, "take_all", None)) is not None]
-    return next((taken for take in takers if (taken := take(values)) is not None), None)
+    watchers: dict[int, Any] = {}
+    for item in objects:
+        watchers |= {id(watcher): watcher for watcher in item._alive_watchers()}
+    for watcher in watchers.values():
+        take_all = getattr(watcher, "take_all", None)
+        taken: DeviceArray | None = None if take_all is None else take_all(values)
+        if taken is not None:
+            return taken
+    return None
+
+
+def _is_on_device(values: Any) -> bool:
+    return not isinstance(values, np.ndarray)
+
+
+def _row(values: Any, index: int) -> Any:
+    return values.at(index) if _is_on_device(values) else values[index]
 
 
 class OnDevice(Checked):
@@ -56,39 +70,47 @@ class OnDevice(Checked):
         `Material.update_all(materials, base_color=colors)` with colors (N, 3). Of a tensor of a GPU one copy
         serves all. Raises SolariError for another number of rows, and at the first object that refuses its row.
         """
-        objects, rows = list(objects), dict[str, Any]()
+        objects = list(objects)
         for index, item in enumerate(objects):
             if not isinstance(item, cls):
                 raise SolariError(f"{cls.__name__}.update_all: object {index} is a {type(item).__name__}")
-        for name, values in cls._by_field(fields).items():
-            rows[name] = _on_some_device(objects, values)
-            if rows[name] is None:
-                rows[name] = host_array(values)
-            if rows[name].shape[:1] != (len(objects),):
-                raise SolariError(
-                    f"{cls.__name__}.update_all: {name} must have {len(objects)} rows, one for each "
-                    f"object, not the shape {rows[name].shape}"
-                )
-        on_device = {name for name, given in rows.items() if not isinstance(given, np.ndarray)}
-        on_host = dict[str, NDArray[Any]]()  # for objects that no device takes
+        rows = {name: cls._rows(objects, name, values) for name, values in cls._by_field(fields).items()}
+        may_stay = rows.keys() <= set(cls._on_device) and any(map(_is_on_device, rows.values()))
+        on_host: dict[str, NDArray[Any]] = {}  # copied once, when the first object needs it
         for index, item in enumerate(objects):
-            own = {name: given.at(index) if name in on_device else given[index] for name, given in rows.items()}
-            if on_device and own.keys() <= set(cls._on_device) and item._take(own):
+            if may_stay and item._take({name: _row(values, index) for name, values in rows.items()}):
                 continue
-            on_host = on_host or {name: given.copy() if name in on_device else given for name, given in rows.items()}
-            item.update(**{name: given[index] for name, given in on_host.items()})
+            if not on_host:
+                on_host = {name: values.copy() if _is_on_device(values) else values for name, values in rows.items()}
+            item.update(**{name: values[index] for name, values in on_host.items()})
+
+    @classmethod
+    def _rows(cls, objects: Sequence[Any], name: str, values: Any) -> Any:
+        """The values of a field of all objects, on the device of one of their watchers or on the host."""
+        rows: Any = _on_some_device(objects, values)
+        if rows is None:
+            rows = host_array(values)
+        if rows.shape[:1] != (len(objects),):
+            raise SolariError(
+                f"{cls.__name__}.update_all: {name} must have {len(objects)} rows, one for each "
+                f"object, not the shape {rows.shape}"
+            )
+        return rows
 
     def _take(self, fields: Mapping[str, Any]) -> bool:
         """Leave values of fields on a device, or return False."""
-        takers = [getattr(reference(), "take", None) for reference in self._watchers]
-        taken = next((found for take in takers if take is not None and (found := take(self, fields))), None)
-        if taken is None:
-            return False
-        for name in taken:
-            vars(self).pop(name, None)
-        object.__setattr__(self, "_given", {**self._given, **taken})
-        self._notify(self)
-        return True
+        for watcher in self._alive_watchers():
+            take = getattr(watcher, "take", None)
+            taken = None if take is None else take(self, fields)
+            if not taken:
+                continue
+            # From now on `__getattr__` finds these fields, and copies them only if the host reads them.
+            for name in taken:
+                vars(self).pop(name, None)
+            object.__setattr__(self, "_given", {**self._given, **taken})
+            self._notify(self)
+            return True
+        return False
 
     if not TYPE_CHECKING:
 

@@ -6,8 +6,6 @@ import math
 from collections.abc import Sequence
 from typing import Any, Protocol
 
-import numpy as np
-
 from solari_vk.base.errors import SolariError, quoted
 from solari_vk.scene import checks
 from solari_vk.scene.animation.keyframes import Channel, Sample, tracks
@@ -81,18 +79,23 @@ def mix(scene: HasLights, parts: Sequence[tuple[Animation, float, float]], *, lo
     rigs, weights that are negative or not finite or all 0, and as `Animation.apply`.
     """
     clips = [clip for clip, _, _ in parts]
-    weights = [_number(weight) for _, _, weight in parts]
-    if not all(weight >= 0 for weight in weights) or not 0 < sum(weights) < math.inf:
-        raise SolariError("a mix of animations needs weights from 0 on, of which one is more than 0")
+    shares = _shares([_number(weight) for _, _, weight in parts])
     if any(clip.rig is not clips[0].rig for clip in clips):
         raise SolariError("only animations of one rig can be mixed, such as those of one file")
-    shares = np.array(weights) / sum(weights)
     samples = [clip.samples(seconds, loop=loop) for clip, seconds, _ in parts]
     try:
         clips[0].rig.pose(scene.lights, [part for part in zip(shares, samples, strict=True) if part[0] > 0])
     except SolariError as error:
         at = " with ".join(f"{clip.describe()} at {_number(seconds):g} s" for clip, seconds, _ in parts)
         raise SolariError(f"{at}: {error}") from None
+
+
+def _shares(weights: Sequence[float]) -> list[float]:
+    """Weights divided by their sum."""
+    # NaN fails both conditions.
+    if not all(weight >= 0 for weight in weights) or not 0 < sum(weights) < math.inf:
+        raise SolariError("a mix of animations needs weights from 0 on, of which one is more than 0")
+    return [weight / sum(weights) for weight in weights]
 
 
 def _number(value: Any) -> float:

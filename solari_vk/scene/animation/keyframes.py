@@ -42,16 +42,19 @@ class Channel:
         values = np.array(self.values, np.float64)
         if times.ndim != 1 or not len(times):
             raise SolariError(f"the {self.path} of an animation needs times (K,) of at least one key")
-        shape = (len(times), 3) if self.interpolation == "CUBICSPLINE" else (len(times),)
-        width = WIDTHS[self.path]
-        if values.shape[:-1] != shape or (width is not None and values.shape[-1] != width):
-            wanted = ", ".join(map(str, (*shape, "C" if width is None else width)))
-            raise SolariError(f"the {self.path} of an animation has values {values.shape}, but must have ({wanted})")
+        self._check_shape(len(times), values.shape)
         finite = np.isfinite(times).all() and np.isfinite(values).all()
         if not (finite and times[0] >= 0 and (np.diff(times) >= 0).all()):
             raise SolariError(f"the {self.path} of an animation has keys that aren't finite or whose times descend")
         object.__setattr__(self, "times", times.tolist())
         object.__setattr__(self, "values", values)
+
+    def _check_shape(self, key_count: int, given: tuple[int, ...]) -> None:
+        shape = (key_count, 3) if self.interpolation == "CUBICSPLINE" else (key_count,)
+        width = WIDTHS[self.path]
+        if given[:-1] != shape or (width is not None and given[-1] != width):
+            wanted = ", ".join(map(str, (*shape, "C" if width is None else width)))
+            raise SolariError(f"the {self.path} of an animation has values {given}, but must have ({wanted})")
 
     def at(self, seconds: float) -> Values:
         """The value (C,) at a time; before the first key that of the first, after the last key that of the last."""
@@ -76,25 +79,33 @@ class Track:
 
     def at(self, seconds: float) -> Values:
         """The values (N, C) at a time."""
-        found = []  # the key before, the number of the next one after it, the time between them, and its share
-        for times in self._times:
-            index = max(bisect_right(times, seconds) - 1, 0)
-            held = index == len(times) - 1 or seconds <= times[index] or self._interpolation == "STEP"
-            span = 1.0 if held else times[index + 1] - times[index]
-            found.append((index, 0, span, 0.0) if held else (index, 1, span, (seconds - times[index]) / span))
+        found = [self._place_in(times, seconds) for times in self._times]
         places = np.array(found)[self._times_of]
         steps = places[:, :2].astype(np.int64)
-        rows, t = self._starts + steps[:, 0], places[:, 3:]
+        spans = places[:, 2:3]
+        t = places[:, 3:]
+        rows = self._starts + steps[:, 0]
         nexts = rows + steps[:, 1]
         if self._interpolation == "CUBICSPLINE":
-            return self._fit(self._hermite(rows, nexts, places[:, 2:3], t))
+            return self._fit(self._hermite(rows, nexts, spans, t))
         before, after = self._keys[rows], self._keys[nexts]
         if self.path == "rotation":
             return slerp(before, after, t)
         between: Values = (1 - t) * before + t * after
         return between
 
+    def _place_in(self, times: Sequence[float], seconds: float) -> tuple[int, int, float, float]:
+        """The key before a time, how many keys later the next one is (0 where a value stays), the time between both,
+        and the share of it that has passed."""
+        index = max(bisect_right(times, seconds) - 1, 0)
+        is_constant = index == len(times) - 1 or seconds <= times[index] or self._interpolation == "STEP"
+        if is_constant:
+            return index, 0, 1.0, 0.0
+        span = times[index + 1] - times[index]
+        return index, 1, span, (seconds - times[index]) / span
+
     def _hermite(self, rows: NDArray[np.int64], nexts: NDArray[np.int64], spans: Values, t: Values) -> Values:
+        # glTF 2.0, appendix C.5: a Hermite spline whose tangents are per second, so that they count times the span.
         before, after = self._keys[rows, 1], self._keys[nexts, 1]
         leaving, arriving = self._keys[rows, 2], self._keys[nexts, 0]
         rest = 1 - t
@@ -129,10 +140,11 @@ def slerp(a: Values, b: Values, t: Values) -> Values:
     """Quaternions (N, 4) interpolated along the shorter arcs by t (N, 1), at constant speed: Shoemake, "Animating
     Rotation with Quaternion Curves" (1985)."""
     a, b = unit_quaternions(a), unit_quaternions(b)
+    # A quaternion and its negative are the same rotation: the sign that makes the angle smaller is the shorter arc.
     cosine = (a * b).sum(axis=1, keepdims=True)
     angle = np.arccos(np.minimum(np.abs(cosine), 1.0))
     sine = np.sin(angle)
-    near = angle < 1e-6
+    near = angle < 1e-6  # where the sines' ratio has no digits left, the interpolation is linear
     sine[near] = 1.0
     first = np.where(near, 1 - t, np.sin((1 - t) * angle) / sine)
     second = np.where(near, t, np.sin(t * angle) / sine)

@@ -149,14 +149,20 @@ class Rig:
         for item, node, transform in self.placed:
             world = worlds[node] if transform is None else worlds[node] @ transform
             self._place(lights, item, None if transform is NOT_MOVED else world, bool(shown[node]))
+        # glTF 2.0, 3.7.3.1: a joint's matrix is its place in the world times its inverse bind matrix. The transform of
+        # the skinned mesh's own node doesn't count.
         for instance, joints, rest, joints_from_mesh in self.skins:
             places = np.where((joints >= 0)[:, None, None], worlds[joints], rest)
             _assign(instance, "joint_matrices", (places @ joints_from_mesh)[:, :3])
-        self._turn(worlds)
+        self._turn_mirrored_skins(worlds)
         for instance, node, resting in self.weighted:
             _assign(instance, "morph_weights", pose.weights.get(node, resting))
+        self._apply_properties(pose)
+
+    def _apply_properties(self, pose: Pose) -> None:
         for number, (item, path, resting) in enumerate(self.properties):
             item.put(path, pose.properties.get(number, resting))
+        # Only when an object has all values, such as an emission's color and strength, can it make fields of them.
         for item in dict.fromkeys(item for item, *_ in self.properties):
             item.apply()
 
@@ -185,6 +191,7 @@ class Rig:
         """The mean of poses. Quaternions are negated where this brings them closer to those of the first pose."""
         parts = {name: np.stack([pose.parts[name] for pose in poses]) for name in self.rest}
         turns = np.stack([unit_quaternions(values) for values in parts["rotation"]])
+        # A quaternion and its negative are the same rotation, but their mean is none.
         turns *= np.where((turns * turns[0]).sum(axis=2, keepdims=True) < 0, -1, 1)
         mean = {name: np.tensordot(shares, values, 1) for name, values in (parts | {"rotation": turns}).items()}
         mean["rotation"] = unit_quaternions(mean["rotation"])
@@ -202,7 +209,9 @@ class Rig:
 
     def _place_nodes(self, pose: Pose) -> tuple[Matrix, NDArray[np.bool_]]:
         """Matrices (N, 4, 4) from the nodes to the world, and whether they and all above them are visible (N,)."""
-        worlds, shown, moved = self.transforms.copy(), pose.visible.copy(), np.flatnonzero(pose.moved)
+        worlds = self.transforms.copy()
+        shown = pose.visible.copy()
+        moved = np.flatnonzero(pose.moved)
         worlds[moved] = compose(*(pose.parts[name][moved] for name in ("translation", "rotation", "scale")))
         worlds[self._roots] = self.bases[self._roots] @ worlds[self._roots]
         shown[self._roots] &= self.bases_visible[self._roots]
@@ -211,7 +220,7 @@ class Rig:
             shown[nodes] &= shown[above]
         return worlds, shown
 
-    def _turn(self, worlds: Matrix) -> None:
+    def _turn_mirrored_skins(self, worlds: Matrix) -> None:
         """Turn skins inside out whose nodes mirror them now and didn't before, or the other way around."""
         if not self.sides:
             return
@@ -226,19 +235,15 @@ class Rig:
     def _place(self, lights: Items[Light], item: Any, world: Matrix | None, shown: bool) -> None:
         """Move an object. An instance whose transform has no inverse, as with a scale of 0, is hidden."""
         if isinstance(item, Instance):
-            try:
-                if world is not None:
-                    _assign(item, "transform", world)
-            except SolariError:
-                shown = False
+            shown = _move_instance(item, world) and shown
+            # An assignment that changes nothing would undo what the user has hidden since.
             if shown != self.shown[item]:
                 item.visible = shown
         elif world is None:
             return
         elif isinstance(item, Camera):
             transform = upright(world)
-            if transform is not None:
-                _assign(item, "transform", transform)
+            _assign(item, "transform", item.transform if transform is None else transform)
         else:
             self._place_light(lights, item, world, shown)
         self.shown[item] = shown
@@ -250,10 +255,15 @@ class Rig:
             shown = False
         else:
             values = {name: value.astype(np.float32) for name, value in placed_light(light, world).items()}
+            # Rounding alone is no change: a moved light would be built anew on the device.
             if any(not np.allclose(getattr(light, name), values[name], rtol=0, atol=1e-7) for name in values):
                 light.update(**values)
-        if shown != self.shown[light] and shown != (light in lights):  # which a user may have added or removed
-            (lights.add if shown else lights.remove)(light)
+        has_changed = shown != self.shown[light]
+        is_in_scene = light in lights  # the user may have added or removed it
+        if has_changed and shown and not is_in_scene:
+            lights.add(light)
+        elif has_changed and not shown and is_in_scene:
+            lights.remove(light)
 
 
 def placed_light(light: Light, world: Matrix) -> dict[str, Matrix]:
@@ -262,10 +272,21 @@ def placed_light(light: Light, world: Matrix) -> dict[str, Matrix]:
     if isinstance(light, Portal):
         return {} if Portal.fault(world[:3, 0], world[:3, 1]) else Portal.placed(world)
     fields = {"position": world[:3, 3]} if hasattr(light, "position") else {}
-    if (transform := upright(world)) is not None:
+    transform = upright(world)
+    if transform is not None:
         axes = {"direction": -transform[:3, 2], "horizontal": transform[:3, 0]}
         fields |= {name: axes[name] for name in light.axes}
     return fields
+
+
+def _move_instance(instance: Instance, world: Matrix | None) -> bool:
+    """Move an instance, unless it isn't moved, and say whether it has a place: a scale of 0 leaves it none."""
+    try:
+        if world is not None:
+            _assign(instance, "transform", world)
+    except SolariError:
+        return False
+    return True
 
 
 def _assign(item: Instance | Camera, field: str, value: Matrix) -> None:
@@ -280,8 +301,9 @@ def _jumps(parents: Sequence[int]) -> list[tuple[NDArray[np.int64], NDArray[np.i
     above = np.asarray(parents, np.int64).reshape(-1)
     if ((above < -1) | (above >= np.arange(len(above)))).any():
         raise SolariError("a rig lists parents before their children")
-    found = []
-    while (nodes := np.flatnonzero(above >= 0)).size:
-        found.append((nodes, above[nodes]))
+    jumps = []
+    while (above >= 0).any():
+        nodes = np.flatnonzero(above >= 0)
+        jumps.append((nodes, above[nodes]))
         above = np.where(above >= 0, above[above], -1)
-    return found
+    return jumps

@@ -35,6 +35,19 @@ class Deformation:
     target_tangents: FloatArray | None = None
 
     def __post_init__(self) -> None:
+        self._check_arrays()
+        if (self.joints is None) != (self.joint_weights is None):
+            raise SolariError("Deformation: give joints and joint_weights together")
+        if self.joints is not None and self.joint_weights is not None:
+            if self.joints.shape != self.joint_weights.shape or 0 in self.joints.shape:
+                given = f"{self.joints.shape} and {self.joint_weights.shape}"
+                raise SolariError(f"Deformation: joints and joint_weights must have one shape (N, K), not {given}")
+            self._normalize_weights(self.joints, self.joint_weights)
+        if self.joints is None and self.targets is None:
+            raise SolariError("Deformation: give joints and joint_weights, targets or both")
+        object.__setattr__(self, "_boxes", (None, None))
+
+    def _check_arrays(self) -> None:
         floats = checks.array(None, None, 3, optional=True, max_abs=checks.LARGEST_COORDINATE)
         for name, convert in (
             ("joints", checks.array(None, None, dtype=np.uint32, optional=True)),
@@ -47,20 +60,10 @@ class Deformation:
                 object.__setattr__(self, name, convert(getattr(self, name)))
             except (TypeError, ValueError, OverflowError) as error:
                 raise SolariError(f"Deformation: {name} {error}") from None
-        if (self.joints is None) != (self.joint_weights is None):
-            raise SolariError("Deformation: give joints and joint_weights together")
-        if self.joints is not None and self.joint_weights is not None:
-            if self.joints.shape != self.joint_weights.shape or 0 in self.joints.shape:
-                given = f"{self.joints.shape} and {self.joint_weights.shape}"
-                raise SolariError(f"Deformation: joints and joint_weights must have one shape (N, K), not {given}")
-            self._normalize_weights(self.joints, self.joint_weights)
-        if self.joints is None and self.targets is None:
-            raise SolariError("Deformation: give joints and joint_weights, targets or both")
         for name in ("target_normals", "target_tangents"):
             values = getattr(self, name)
             if values is not None and (self.targets is None or values.shape != self.targets.shape):
                 raise SolariError(f"Deformation: {name} must have the shape of targets")
-        object.__setattr__(self, "_boxes", (None, None))
 
     def _normalize_weights(self, joints: NDArray[np.uint32], weights: FloatArray) -> None:
         if (weights < 0).any():
@@ -110,24 +113,35 @@ class Deformation:
         morph_weights: Floats | None,
     ) -> tuple[Floats, Floats | None, Floats | None]:
         """Positions, unit normals and tangents (N, 3 or 4) in a pose, computed in 64 bits."""
-        rest = positions, normals, tangents
+        rest = (positions, normals, tangents)
         moved: list[Any] = [None if part is None else part.astype(np.float64) for part in rest]
-        for index, deltas in enumerate((self.targets, self.target_normals, self.target_tangents)):
-            if moved[index] is not None and deltas is not None and morph_weights is not None:
-                moved[index][:, :3] += np.tensordot(morph_weights, deltas.astype(np.float64), 1)
+        if morph_weights is not None:
+            self._morph(moved, morph_weights)
         if joint_matrices is not None:
-            blended = self._blend(joint_matrices)
-            linear = blended[:, :, :3]
-            cofactors = np.cross(linear[:, [1, 2, 0]], linear[:, [2, 0, 1]])
-            moved[0] = np.einsum("nij,nj->ni", linear, moved[0]) + blended[:, :, 3]
-            for part, matrices in zip(moved[1:], (cofactors, linear), strict=True):
-                if part is not None:
-                    part[:, :3] = np.einsum("nij,nj->ni", matrices, part[:, :3])
+            self._skin(moved, joint_matrices)
         for part in moved[1:]:
             if part is not None:
                 lengths = np.linalg.norm(part[:, :3], axis=1, keepdims=True)
                 part[:, :3] /= np.where(lengths > 0, lengths, 1)
         return moved[0], moved[1], moved[2]
+
+    def _morph(self, moved: list[Any], morph_weights: Floats) -> None:
+        """Add what the morph targets do to positions, normals and tangents; a tangent's w, its sign, stays."""
+        for part, deltas in zip(moved, (self.targets, self.target_normals, self.target_tangents), strict=True):
+            if part is not None and deltas is not None:
+                part[:, :3] += np.tensordot(morph_weights, deltas.astype(np.float64), 1)
+
+    def _skin(self, moved: list[Any], joint_matrices: Floats) -> None:
+        """Move positions, normals and tangents by the joints: linear blend skinning."""
+        blended = self._blend(joint_matrices)
+        linear = blended[:, :, :3]
+        # Normals turn by the matrix of cofactors, the inverse transpose times the determinant, which singular matrices
+        # have too. Its rows are the cross products of the other two rows.
+        cofactors = np.cross(linear[:, [1, 2, 0]], linear[:, [2, 0, 1]])
+        moved[0] = np.einsum("nij,nj->ni", linear, moved[0]) + blended[:, :, 3]
+        for part, matrices in zip(moved[1:], (cofactors, linear), strict=True):
+            if part is not None:
+                part[:, :3] = np.einsum("nij,nj->ni", matrices, part[:, :3])
 
     def _blend(self, joint_matrices: Floats) -> Floats:
         assert self.joints is not None
@@ -159,8 +173,11 @@ class Deformation:
             else:
                 matrices = np.concatenate([matrices, np.eye(3, 4)[None]])
             centers = np.einsum("nij,nj->ni", matrices[:, :, :3], centers) + matrices[:, :, 3]
+            # A box turned by a matrix fits into one with the sums of its sides' absolute parts: Arvo, "Transforming
+            # Axis-Aligned Bounding Boxes" (Graphics Gems, 1990).
             half_sizes = np.einsum("nij,nj->ni", np.abs(matrices[:, :, :3]), half_sizes)
         low, high = (centers - half_sizes).min(axis=0), (centers + half_sizes).max(axis=0)
+        # Devices pose in 32 bits: their positions may lie outside by the rounding.
         rounding = 1e-6 * max(float(np.abs(low).max()), float(np.abs(high).max()))
         return low - rounding, high + rounding
 
