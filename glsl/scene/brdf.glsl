@@ -1,8 +1,8 @@
 // The surface model: a Lambert lobe under a GGX lobe with multiple scattering, energy conserving; in scenes that have
 // them, glass in place of the Lambert lobe, whose light may also leave on the other side, and layers over all.
 // Directions point away from the surface, in the frame whose z axis is the shading normal (orthonormalize). Values
-// include the cosine of wi. Each lobe stands in a file of scene/lobes; this file has the list. Sources: the papers
-// named there.
+// include the cosine of wi. Each lobe stands in a file of scene/lobes, whose list.glsl names those that few materials
+// have; this file loops over them. Sources: the papers named there.
 #ifndef SCENE_BRDF_GLSL
 #define SCENE_BRDF_GLSL
 
@@ -11,23 +11,20 @@
 #include "scene/lobes/specular.glsl"
 #include "scene/material.glsl"
 
-// With which probabilities sample_brdf takes the lobes that few materials have.
+// With which probabilities sample_brdf takes the lobes that few materials have. The base takes the rest.
+#define PROBABILITY(name, Lobe, Parameters, NONE, FEATURE, Bits) float name;
 struct LobeProbabilities {
-    float coat;
-    float sheen;
-    float glass;
+    LOBES(PROBABILITY)
 };
 
 // A material seen from one direction: what its lobes need for all incoming directions.
+#define PREPARED(name, Lobe, Parameters, NONE, FEATURE, Bits) Lobe name;
 struct Brdf {
     Diffuse diffuse;
     Specular specular;
     float specular_probability;  // with which sample_brdf takes the specular lobe instead of the diffuse one
-    // Where SCENE_LOBES:
-    Coat coat;
-    Sheen sheen;
-    Glass glass;
-    DiffuseTransmission diffuse_transmission;
+    // Each where its scene feature is:
+    ALL_LOBES(PREPARED)
     LobeProbabilities probabilities;
 };
 
@@ -63,6 +60,24 @@ vec3 add_film(BaseMaterial base, vec2 ab, float cosine, inout vec3 dielectric, i
     return cover;
 }
 
+// What a layer keeps from all that lies below it.
+float cover_of(LobeAlbedo layer) { return max_component(layer.color) * layer.share; }
+
+void add_albedo(inout LobeAlbedos sum, LobeAlbedo lobe, float passed) {
+    vec3 albedo = lobe.color * (lobe.share * passed);
+    if (lobe.diffuse) { sum.diffuse += albedo; } else { sum.specular += albedo; }
+}
+
+#define ADD_BASE_ALBEDO(name, Lobe, Parameters, NONE, FEATURE, Bits) \
+    if (FEATURE) { add_albedo(below, lobe_albedo(material.name, base, cosine), 1.0); }
+// From the top to the bottom, as glTF orders layers: each takes from the light below it what it reflects. In scenes
+// without layers too, or drivers would round products in another order there.
+#define ADD_LAYER_ALBEDO(name, Lobe, Parameters, NONE, FEATURE, Bits) \
+    { \
+        LobeAlbedo layer = lobe_albedo(material.name, base, cosine); \
+        add_albedo(above, layer, passed); \
+        passed *= 1.0 - cover_of(layer); \
+    }
 LobeAlbedos lobe_albedos(ResolvedMaterial material, float cosine) {
     BaseMaterial base = material.base;
     if (lambertian_surfaces || SCENE_UNLIT && base.unlit) { return LobeAlbedos(base.color, vec3(0.0)); }
@@ -76,36 +91,70 @@ LobeAlbedos lobe_albedos(ResolvedMaterial material, float cosine) {
         diffuse = diffuse_albedo(diffuse_color(material), base, cover, cosine);
     }
     if (!SCENE_LOBES) { return LobeAlbedos(diffuse, mix(dielectric, metal, base.metallic)); }
-    Glass glass = prepare_glass(material.glass, base, cosine);
     float share = 1.0 - material.glass.transmission;
-    LobeAlbedos albedos = LobeAlbedos(
-        diffuse * share,
-        mix(dielectric * share, metal, base.metallic) + glass.weight * glass_albedo(glass, cosine)
-    );
-    LayerAlbedos layers = layer_albedos(material, material.coat.weight, cosine, cosine);
-    float below = (1.0 - layers.coat) * layers.below_sheen;
-    return LobeAlbedos(
-        albedos.diffuse * below + material.sheen.color * (layers.sheen * (1.0 - layers.coat)),
-        albedos.specular * below + layers.coat
-    );
+    LobeAlbedos below = LobeAlbedos(diffuse * share, mix(dielectric * share, metal, base.metallic));
+    LobeAlbedos above = LobeAlbedos(vec3(0.0), vec3(0.0));
+    float passed = 1.0;
+    BASE_LOBES(ADD_BASE_ALBEDO)
+    LAYERS(ADD_LAYER_ALBEDO)
+    return LobeAlbedos(below.diffuse * passed + above.diffuse, below.specular * passed + above.specular);
 }
 
 // ---- preparation -------------------------------------------------------------------------------------
 
-// What scenes without glass and layers don't need. `base` is the luminance that all other lobes reflect.
-void prepare_lobes(inout Brdf brdf, ResolvedMaterial material, vec3 wo, float base) {
-    brdf.coat = prepare_coat(material.coat, material.base.inside, wo);
-    brdf.sheen = prepare_sheen(material.sheen, material.base.inside);
-    brdf.glass = prepare_glass(material.glass, material.base, wo.z);
-    LayerAlbedos layers = layer_albedos(material, brdf.coat.weight, wo.z, brdf.coat.wo.z);
-    float glass = brdf.glass.weight * luminance(glass_albedo(brdf.glass, wo.z));
-    vec3 below_coat = vec3(luminance(material.sheen.color) * layers.sheen, vec2(glass, base) * layers.below_sheen);
-    vec4 shares = vec4(layers.coat, below_coat * (1.0 - layers.coat));
-    float sum = shares.x + shares.y + shares.z + shares.w;
-    vec3 chosen = sum > 0.0 ? shares.xyz / sum : vec3(0.0);
-    brdf.probabilities = LobeProbabilities(chosen.x, chosen.y, chosen.z);
+LobeProbabilities no_lobes() {
+    LobeProbabilities none;
+#define ZERO(name, Lobe, Parameters, NONE, FEATURE, Bits) none.name = 0.0;
+    LOBES(ZERO)
+    return none;
 }
 
+LobeProbabilities divided(LobeProbabilities shares, float sum) {
+#define DIVIDE(name, Lobe, Parameters, NONE, FEATURE, Bits) shares.name /= sum;
+    LOBES(DIVIDE)
+    return shares;
+}
+
+LobeProbabilities scaled(LobeProbabilities shares, float factor) {
+#define SCALE(name, Lobe, Parameters, NONE, FEATURE, Bits) shares.name *= factor;
+    LOBES(SCALE)
+    return shares;
+}
+
+float sum_of(LobeProbabilities shares) {
+    float sum = 0.0;
+#define SUM(name, Lobe, Parameters, NONE, FEATURE, Bits) sum += shares.name;
+    LOBES(SUM)
+    return sum;
+}
+
+// Prepares the lobes that few materials have, and chooses them by the luminance of the light that each reflects.
+// `base` is that of all other lobes.
+#define PREPARE(name, Lobe, Parameters, NONE, FEATURE, Bits) \
+    if (FEATURE) { brdf.name = prepare_lobe(material.name, material.base, wo); }
+#define SHARE_OF_BASE(name, Lobe, Parameters, NONE, FEATURE, Bits) \
+    if (FEATURE) { \
+        LobeAlbedo lobe = lobe_albedo(brdf.name, wo); \
+        shares.name = luminance(lobe.color) * lobe.share; \
+    }
+#define SHARE_OF_LAYER(name, Lobe, Parameters, NONE, FEATURE, Bits) \
+    if (FEATURE) { \
+        LobeAlbedo layer = lobe_albedo(brdf.name, wo); \
+        float passed = 1.0 - cover_of(layer); \
+        shares = scaled(shares, passed); \
+        base *= passed; \
+        shares.name = luminance(layer.color) * layer.share; \
+    }
+void prepare_lobes(inout Brdf brdf, ResolvedMaterial material, vec3 wo, float base) {
+    LobeProbabilities shares = no_lobes();
+    LOBES(PREPARE)
+    BASE_LOBES(SHARE_OF_BASE)
+    LAYERS_FROM_BELOW(SHARE_OF_LAYER)
+    float sum = sum_of(shares) + base;
+    brdf.probabilities = sum > 0.0 ? divided(shares, sum) : no_lobes();
+}
+
+#define LEAVE_OUT_LOBE(name, Lobe, Parameters, NONE, FEATURE, Bits) if (FEATURE) { leave_out(brdf.name); }
 // A surface that reflects the share `color` of all light evenly.
 Brdf lambert_brdf(vec3 color) {
     Brdf brdf;
@@ -113,11 +162,9 @@ Brdf lambert_brdf(vec3 color) {
     brdf.specular = no_specular();
     brdf.specular_probability = 0.0;
     if (SCENE_LOBES) {
-        brdf.coat = prepare_coat(NO_COAT, false, vec3(0.0, 0.0, 1.0));
-        brdf.sheen = prepare_sheen(NO_SHEEN, false);
-        brdf.glass.weight = 0.0;
+        LOBES(LEAVE_OUT_LOBE)
         brdf.diffuse_transmission = DiffuseTransmission(Diffuse(vec3(0.0)), 0.0);
-        brdf.probabilities = LobeProbabilities(0.0, 0.0, 0.0);
+        brdf.probabilities = no_lobes();
     }
     return brdf;
 }
@@ -156,7 +203,8 @@ Brdf without_diffuse_lobe(Brdf brdf) {
     brdf.diffuse.color = vec3(0.0);
     if (SCENE_DIFFUSE_TRANSMISSION) { brdf.diffuse_transmission.beyond.color = vec3(0.0); }
     brdf.specular_probability = 1.0;
-    if (SCENE_LOBES) { brdf.sheen.color = vec3(0.0); }
+#define REMOVE_DIFFUSE(name, Lobe, Parameters, NONE, FEATURE, Bits) if (FEATURE) { remove_diffuse(brdf.name); }
+    LAYERS(REMOVE_DIFFUSE)
     return brdf;
 }
 
@@ -165,12 +213,26 @@ Brdf without_diffuse_lobe(Brdf brdf) {
 // What lies below the layers, as far as they let its light through. A layer takes from the light below what it
 // reflects, seen from whichever direction it reflects more to. This is reciprocal and gains no energy: Kulla and Conty
 // (2017), and KHR_materials_sheen.
+#define PASS(name, Lobe, Parameters, NONE, FEATURE, Bits) \
+    if (FEATURE) { passed *= 1.0 - lobe_cover(brdf.name, wo, wi); }
 vec3 below_layers(Brdf brdf, vec3 value, vec3 wo, vec3 wi) {
     if (!SCENE_LAYERS || value == vec3(0.0)) { return value; }
-    return value * ((1.0 - sheen_cover(brdf.sheen, wo, wi)) * (1.0 - coat_cover(brdf.coat, wo, wi)));
+    float passed = 1.0;
+    LAYERS(PASS)
+    return value * passed;
 }
 
-// The light of the diffuse lobe and sheen.
+// The layers' own light of one kind, with that of a base which reflects `value` below them.
+#define ADD_DIFFUSE_LAYER(name, Lobe, Parameters, NONE, FEATURE, Bits) \
+    if (FEATURE) { own += lobe_value(brdf.name, wo, wi).diffuse * passed; } \
+    PASS(name, Lobe, Parameters, NONE, FEATURE, Bits)
+#define ADD_SPECULAR_LAYER(name, Lobe, Parameters, NONE, FEATURE, Bits) \
+    if (FEATURE) { own += lobe_value(brdf.name, wo, wi).specular * passed; } \
+    PASS(name, Lobe, Parameters, NONE, FEATURE, Bits)
+#define ADD_SPECULAR(name, Lobe, Parameters, NONE, FEATURE, Bits) \
+    if (FEATURE) { value += lobe_value(brdf.name, wo, wi).specular; }
+
+// The light of diffuse lobes, of the base and of layers such as sheen.
 vec3 evaluate_diffuse_brdf(Brdf brdf, vec3 wo, vec3 wi) {
     if (SCENE_DIFFUSE_TRANSMISSION && wo.z > 0.0 && wi.z < 0.0) {
         vec3 value = evaluate_diffuse_transmission(brdf.diffuse_transmission, brdf.specular, wo, wi);
@@ -179,8 +241,10 @@ vec3 evaluate_diffuse_brdf(Brdf brdf, vec3 wo, vec3 wi) {
     if (!(wo.z > 0.0 && wi.z > 0.0)) { return vec3(0.0); }
     vec3 value = evaluate_diffuse(brdf.diffuse, brdf.specular, wo, wi);
     if (lambertian_surfaces || !SCENE_LAYERS) { return value; }
-    vec3 sheen = evaluate_sheen(brdf.sheen, wo, wi);
-    return below_layers(brdf, value, wo, wi) + sheen * (1.0 - coat_cover(brdf.coat, wo, wi));
+    vec3 own = vec3(0.0);
+    float passed = 1.0;
+    LAYERS(ADD_DIFFUSE_LAYER)
+    return value * passed + own;
 }
 
 // The light of all other lobes. It is 0 for the one direction to which a mirror reflects, smooth glass refracts: only
@@ -188,11 +252,12 @@ vec3 evaluate_diffuse_brdf(Brdf brdf, vec3 wo, vec3 wi) {
 vec3 evaluate_specular_brdf(Brdf brdf, vec3 wo, vec3 wi) {
     if (lambertian_surfaces || !(wo.z > 0.0)) { return vec3(0.0); }
     vec3 value = evaluate_specular(brdf.specular, wo, wi);
-    if (SCENE_GLASS && brdf.glass.weight > 0.0 && !is_mirror(brdf.specular)) {
-        value += brdf.glass.weight * evaluate_glass(brdf.glass, wo, wi);
-    }
+    BASE_LOBES(ADD_SPECULAR)
     if (!SCENE_LAYERS) { return value; }
-    return below_layers(brdf, value, wo, wi) + (wi.z > 0.0 ? evaluate_coat(brdf.coat, wi) : 0.0);
+    vec3 own = vec3(0.0);
+    float passed = 1.0;
+    LAYERS(ADD_SPECULAR_LAYER)
+    return value * passed + own;
 }
 
 vec3 brdf_times_cosine(Brdf brdf, vec3 wo, vec3 wi) {
@@ -201,6 +266,9 @@ vec3 brdf_times_cosine(Brdf brdf, vec3 wo, vec3 wi) {
 
 // ---- sampling ----------------------------------------------------------------------------------------
 
+#define REST(name, Lobe, Parameters, NONE, FEATURE, Bits) rest -= chosen.name;
+#define ADD_PDF(name, Lobe, Parameters, NONE, FEATURE, Bits) \
+    if (FEATURE && chosen.name > 0.0) { pdf += chosen.name * lobe_pdf(brdf.name, wo, wi); }
 // The density with which sample_brdf chooses wi, in solid angle.
 float brdf_pdf(Brdf brdf, vec3 wo, vec3 wi) {
     bool above = wi.z > 0.0;
@@ -211,18 +279,25 @@ float brdf_pdf(Brdf brdf, vec3 wo, vec3 wi) {
     }
     if (!SCENE_LOBES) { return pdf; }
     LobeProbabilities chosen = brdf.probabilities;
-    pdf *= max(1.0 - chosen.coat - chosen.sheen - chosen.glass, 0.0);
-    if (above && chosen.coat > 0.0) { pdf += chosen.coat * coat_pdf(brdf.coat, wi); }
-    if (above) { pdf += chosen.sheen * sheen_pdf(); }
-    if (chosen.glass > 0.0 && !is_mirror(brdf.specular)) { pdf += chosen.glass * glass_pdf(brdf.glass, wo, wi); }
+    float rest = 1.0;
+    LOBES(REST)
+    pdf *= max(rest, 0.0);
+    LOBES(ADD_PDF)
     return pdf;
+}
+
+// The largest perceptual roughness of the layers that there are, 0 if they are delta lobes.
+#define SPREAD(name, Lobe, Parameters, NONE, FEATURE, Bits) \
+    if (FEATURE) { spread = max(spread, lobe_spread(brdf.name, brdf.probabilities.name)); }
+float layers_spread(Brdf brdf) {
+    float spread = 0.0;
+    LAYERS(SPREAD)
+    return spread;
 }
 
 // Whether the base, or the whole surface, reflects in one direction alone, which no light sample has.
 bool has_delta_base(Brdf brdf) { return is_mirror(brdf.specular) && brdf.specular_probability == 1.0; }
-bool is_delta(Brdf brdf) {
-    return has_delta_base(brdf) && !(SCENE_LAYERS && (brdf.probabilities.sheen > 0.0 || is_rough_coat(brdf.coat)));
-}
+bool is_delta(Brdf brdf) { return has_delta_base(brdf) && layers_spread(brdf) == 0.0; }
 
 BrdfSample without_values(vec3 wi, vec3 weight, float pdf, bool diffuse) {
     return BrdfSample(wi, weight, pdf, diffuse, vec3(0.0), vec3(0.0));
@@ -247,31 +322,39 @@ BrdfSample weigh_sample(Brdf brdf, vec3 wo, vec3 wi, bool diffuse) {
     return BrdfSample(wi, weight, pdf, diffuse, diffuse_value, specular_value);
 }
 
+// What a lobe samples that was chosen with this probability.
+BrdfSample propose(LobeSample lobe, float probability) {
+    if (!lobe.valid) { return invalid_sample(); }
+    if (!lobe.delta) { return propose(lobe.wi, lobe.diffuse); }
+    return delta_sample(lobe.wi, lobe.color * (lobe.share / probability));
+}
+
 // A proposal of one of the lobes that few materials have. `choice` is below the sum of their probabilities.
+#define PROPOSE_LAYER(name, Lobe, Parameters, NONE, FEATURE, Bits) \
+    if (FEATURE && choice < chosen.name) { \
+        return propose(sample_lobe(brdf.name, wo, choice / chosen.name, u), chosen.name); \
+    } \
+    choice -= chosen.name;
+#define PROPOSE_BASE_LOBE(name, Lobe, Parameters, NONE, FEATURE, Bits) \
+    if (FEATURE && choice < chosen.name) { \
+        float inner = min(choice / chosen.name, 0.99999994); \
+        BrdfSample proposed = propose(sample_lobe(brdf.name, wo, inner, u), chosen.name); \
+        if (proposed.pdf == INFINITY) { proposed.weight = below_layers(brdf, proposed.weight, wo, proposed.wi); } \
+        return proposed; \
+    } \
+    choice -= chosen.name;
 BrdfSample propose_by_lobes(Brdf brdf, vec3 wo, float choice, vec2 u) {
     LobeProbabilities chosen = brdf.probabilities;
-    if (choice < chosen.coat) {
-        vec3 wi = sample_coat(brdf.coat, u);
-        if (!is_mirror_coat(brdf.coat)) { return propose_reflection(wi); }
-        vec3 weight = vec3(coat_fresnel(brdf.coat, brdf.coat.wo.z) / chosen.coat);
-        return wi.z > 0.0 ? delta_sample(wi, weight) : invalid_sample();
-    }
-    choice -= chosen.coat;
-    if (choice < chosen.sheen) { return propose(sample_sheen(u), true); }
-    choice = min((choice - chosen.sheen) / chosen.glass, 0.99999994);
-    vec3 smooth_weight;
-    vec3 wi = sample_glass(brdf.glass, wo, choice, u, smooth_weight);
-    if (wi.z == 0.0) { return invalid_sample(); }
-    if (!is_mirror(brdf.specular)) { return propose(wi, false); }
-    smooth_weight = below_layers(brdf, smooth_weight * (brdf.glass.weight / chosen.glass), wo, wi);
-    return delta_sample(wi, smooth_weight);
+    LAYERS(PROPOSE_LAYER)
+    BASE_LOBES(PROPOSE_BASE_LOBE)
+    return invalid_sample();  // Where a difference was rounded, once in ten million samples.
 }
 
 BrdfSample propose_sample(Brdf brdf, vec3 wo, float choice, vec2 u) {
     float base_probability = 1.0;
     if (SCENE_LOBES) {
         LobeProbabilities chosen = brdf.probabilities;
-        float others = chosen.coat + chosen.sheen + chosen.glass;
+        float others = sum_of(chosen);
         if (choice < others) { return propose_by_lobes(brdf, wo, choice, u); }
         base_probability = 1.0 - others;
         choice = min((choice - others) / base_probability, 0.99999994);

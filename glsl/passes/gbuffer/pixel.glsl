@@ -37,7 +37,7 @@ GBufferPixel resolve_pixel(CameraRay ray, Hit hit, Mesh mesh) {
     float t = dot(surface.world_position - ray.origin, surface.geometric_world_normal) / cosine;
     float view_depth = (cosine < -1e-3 ? t : hit.t) * ray.depth_per_t;
     uvec4 gbuffer_texel = pack_gbuffer(surface.material, emissive, surface.world_normal);
-    PackedLobes lobes = NO_PACKED_LOBES;
+    PackedLobes lobes = no_packed_lobes();
     if (SCENE_LOBES) {
         lobes = pack_lobes(surface.material, surface.world_normal, unpack_octahedral_24(gbuffer_texel.w));
     }
@@ -51,7 +51,7 @@ GBufferPixel resolve_pixel(CameraRay ray, Hit hit, Mesh mesh) {
 }
 
 GBufferPixel resolve_empty_pixel(CameraRay ray) {
-    return GBufferPixel(uvec4(0u), NO_PACKED_LOBES, uvec2(0u, NO_INDEX), 0.0, background_motion_vector(ray));
+    return GBufferPixel(uvec4(0u), no_packed_lobes(), uvec2(0u, NO_INDEX), 0.0, background_motion_vector(ray));
 }
 
 void store_pixel(uvec2 place, GBufferPixel pixel) {

@@ -105,15 +105,13 @@ void add_light(inout Path path, vec3 light, bool diffuse_at_x2) {
 }
 
 // The probability of next event estimation, which is lower the smoother a metal is, since BRDF samples find more of the
-// light then. A layer over the metal that isn't a delta lobe, coat or sheen, raises it: no BRDF sample can hit the
-// point lights that it reflects.
+// light then. A layer over the metal that isn't a delta lobe raises it: no BRDF sample can hit the point
+// lights that it reflects.
 float nee_probability(Brdf brdf) {
     if (scene_info.light_count == 0u) { return 0.0; }
     Specular specular = brdf.specular;
     float probability = has_delta_base(brdf) ? 0.0 : mix(1.0, specular.perceptual_roughness, specular.metallic);
-    if (!SCENE_LAYERS) { return probability; }
-    if (brdf.probabilities.sheen > 0.0) { return 1.0; }
-    return is_rough_coat(brdf.coat) ? max(probability, brdf.coat.perceptual_roughness) : probability;
+    return max(probability, layers_spread(brdf));
 }
 
 // The weight of a BRDF sample, BRDF times cosine over pdf, by lobe. Samples of delta lobes have an infinite pdf.

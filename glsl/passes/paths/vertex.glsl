@@ -42,11 +42,11 @@ PerLobe lobes_times_cosine(Vertex vertex, vec3 wi) {
 
 // Makes surfaces rougher that a path reaches after a non-delta bounce, against fireflies of caustics. Kaplanyan and
 // Dachsbacher, "Path Space Regularization for Holistic and Robust Light Transport" (2013).
+#define LIMIT_ROUGHNESS(name, Lobe, Parameters, NONE, FEATURE, Bits) \
+    if (FEATURE) { limit_roughness(material.name, sqrt(min_roughness)); }
 void regularize(inout ResolvedMaterial material, float sum_of_inverse_pdfs) {
     float min_roughness = min(1.0, 0.5 * sqrt(sum_of_inverse_pdfs)) * paths_settings.regularization;
-    if (SCENE_LAYERS) {
-        material.coat.perceptual_roughness = max(material.coat.perceptual_roughness, sqrt(min_roughness));
-    }
+    LAYERS(LIMIT_ROUGHNESS)
     if (material.base.roughness >= min_roughness) { return; }
     material.base.roughness = min_roughness;
     material.base.perceptual_roughness = sqrt(min_roughness);

@@ -4,6 +4,7 @@
 
 #include "scene/base_material.glsl"
 #include "scene/brdf_table.glsl"
+#include "scene/lobes/interface.glsl"
 #include "scene/microfacet.glsl"
 
 const float COAT_F0 = 0.04;  // of an index of refraction of 1.5
@@ -118,5 +119,53 @@ vec3 sample_coat(Coat coat, vec2 u) {
     vec3 wi = is_mirror_coat(coat) ? vec3(-wo.xy, wo.z) : sample_ggx_vndf(wo, coat.roughness, u);
     return wi.z > 0.0 ? coat.frame * wi : vec3(0.0);
 }
+
+// ---- as a row of scene/lobes/list.glsl ----------------------------------------------------------------
+
+CoatParameters resolve_lobe(CoatParameters none, Material material, TexturePoint point) {
+    return resolve_coat(material, point);
+}
+
+uvec2 pack_lobe(CoatParameters coat, mat3 frame) { return pack_coat(coat, frame); }
+CoatParameters unpack_lobe(CoatParameters none, uvec2 bits, mat3 frame) { return unpack_coat(bits, frame); }
+
+void limit_roughness(inout CoatParameters coat, float smallest) {
+    coat.perceptual_roughness = max(coat.perceptual_roughness, smallest);
+}
+
+Coat prepare_lobe(CoatParameters parameters, BaseMaterial base, vec3 wo) {
+    return prepare_coat(parameters, base.inside, wo);
+}
+
+// For a direction with this cosine, whatever the coat's normal.
+LobeAlbedo lobe_albedo(CoatParameters coat, BaseMaterial base, float cosine) {
+    float albedo = coat_albedo(coat.weight, coat.perceptual_roughness, cosine);
+    return LobeAlbedo(vec3(1.0), base.inside ? 0.0 : albedo, false);
+}
+
+LobeAlbedo lobe_albedo(Coat coat, vec3 wo) {
+    float albedo = coat_albedo(coat.weight, coat.perceptual_roughness, coat.wo.z);
+    return LobeAlbedo(vec3(1.0), coat.inside ? 0.0 : albedo, false);
+}
+
+LobeValue lobe_value(Coat coat, vec3 wo, vec3 wi) {
+    return LobeValue(vec3(0.0), vec3(wi.z > 0.0 ? evaluate_coat(coat, wi) : 0.0));
+}
+
+float lobe_pdf(Coat coat, vec3 wo, vec3 wi) { return wi.z > 0.0 ? coat_pdf(coat, wi) : 0.0; }
+
+LobeSample sample_lobe(Coat coat, vec3 wo, float choice, vec2 u) {
+    vec3 wi = sample_coat(coat, u);
+    if (is_mirror_coat(coat)) {
+        return wi.z > 0.0 ? mirrored_sample(wi, vec3(1.0), coat_fresnel(coat, coat.wo.z)) : invalid_lobe_sample();
+    }
+    // What a coat that only reflects sends below the surface is no sample of a lobe that transmits.
+    return SCENE_TRANSMISSION && !(wi.z > 0.0) ? invalid_lobe_sample() : spread_sample(wi, false);
+}
+
+float lobe_cover(Coat coat, vec3 wo, vec3 wi) { return coat_cover(coat, wo, wi); }
+float lobe_spread(Coat coat, float probability) { return is_rough_coat(coat) ? coat.perceptual_roughness : 0.0; }
+void remove_diffuse(inout Coat coat) {}
+void leave_out(inout Coat coat) { coat = prepare_coat(NO_COAT, false, vec3(0.0, 0.0, 1.0)); }
 
 #endif

@@ -59,4 +59,18 @@ vec3 evaluate_diffuse_transmission(DiffuseTransmission lobe, Specular specular, 
 // What it adds to the pdf of the diffuse lobe.
 float diffuse_transmission_pdf(DiffuseTransmission lobe, vec3 wi) { return -lobe.probability * diffuse_pdf(wi); }
 
+// ---- as a row of scene/lobes/list.glsl ----------------------------------------------------------------
+
+DiffuseTransmissionParameters resolve_lobe(
+    DiffuseTransmissionParameters none, Material material, TexturePoint point
+) {
+    return resolve_diffuse_transmission(material, point);
+}
+
+uint pack_lobe(DiffuseTransmissionParameters lobe, mat3 frame) { return pack_diffuse_transmission(lobe); }
+
+DiffuseTransmissionParameters unpack_lobe(DiffuseTransmissionParameters none, uint bits, mat3 frame) {
+    return unpack_diffuse_transmission(bits);
+}
+
 #endif

@@ -9,6 +9,7 @@
 #include "scene/base_material.glsl"
 #include "scene/brdf_table.glsl"
 #include "scene/lobes/dispersion.glsl"
+#include "scene/lobes/interface.glsl"
 #include "scene/microfacet.glsl"
 
 // ---- of a material ----------------------------------------------------------------------------------
@@ -214,5 +215,42 @@ vec3 sample_glass(Glass glass, vec3 wo, float choice, vec2 u, out vec3 smooth_we
     vec3 wi = refract_through(glass, wo, m);
     return wi.z < 0.0 ? wi : vec3(0.0);
 }
+
+// ---- as a row of scene/lobes/list.glsl ----------------------------------------------------------------
+
+GlassParameters resolve_lobe(GlassParameters none, Material material, TexturePoint point) {
+    return resolve_glass(material, point);
+}
+
+uint pack_lobe(GlassParameters glass, mat3 frame) { return pack_glass(glass); }
+GlassParameters unpack_lobe(GlassParameters none, uint bits, mat3 frame) { return unpack_glass(bits); }
+
+Glass prepare_lobe(GlassParameters parameters, BaseMaterial base, vec3 wo) {
+    return prepare_glass(parameters, base, wo.z);
+}
+
+LobeAlbedo lobe_albedo(Glass glass, vec3 wo) { return LobeAlbedo(glass_albedo(glass, wo.z), glass.weight, false); }
+
+LobeAlbedo lobe_albedo(GlassParameters parameters, BaseMaterial base, float cosine) {
+    return lobe_albedo(prepare_glass(parameters, base, cosine), vec3(0.0, 0.0, cosine));
+}
+
+bool is_mirror(Glass glass) { return glass.roughness <= MIRROR_ROUGHNESS; }
+
+LobeValue lobe_value(Glass glass, vec3 wo, vec3 wi) {
+    if (!(glass.weight > 0.0) || is_mirror(glass)) { return LobeValue(vec3(0.0), vec3(0.0)); }
+    return LobeValue(vec3(0.0), glass.weight * evaluate_glass(glass, wo, wi));
+}
+
+float lobe_pdf(Glass glass, vec3 wo, vec3 wi) { return is_mirror(glass) ? 0.0 : glass_pdf(glass, wo, wi); }
+
+LobeSample sample_lobe(Glass glass, vec3 wo, float choice, vec2 u) {
+    vec3 smooth_weight;
+    vec3 wi = sample_glass(glass, wo, choice, u, smooth_weight);
+    if (wi.z == 0.0) { return invalid_lobe_sample(); }
+    return is_mirror(glass) ? mirrored_sample(wi, smooth_weight, glass.weight) : spread_sample(wi, false);
+}
+
+void leave_out(inout Glass glass) { glass.weight = 0.0; }
 
 #endif

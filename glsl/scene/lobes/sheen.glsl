@@ -6,6 +6,7 @@
 #include "common/random.glsl"
 #include "scene/base_material.glsl"
 #include "scene/brdf_table.glsl"
+#include "scene/lobes/interface.glsl"
 
 const float MIN_SHEEN_ROUGHNESS = 0.07;  // perceptual; smoother sheen would be a line at the horizon
 
@@ -103,5 +104,38 @@ vec3 evaluate_sheen(Sheen sheen, vec3 wo, vec3 wi) {
 float sheen_pdf() { return 0.5 * INVERSE_PI; }
 
 vec3 sample_sheen(vec2 u) { return sample_uniform_hemisphere(u); }
+
+// ---- as a row of scene/lobes/list.glsl ----------------------------------------------------------------
+
+SheenParameters resolve_lobe(SheenParameters none, Material material, TexturePoint point) {
+    return resolve_sheen(material, point);
+}
+
+uint pack_lobe(SheenParameters sheen, mat3 frame) { return pack_sheen(sheen); }
+SheenParameters unpack_lobe(SheenParameters none, uint bits, mat3 frame) { return unpack_sheen(bits); }
+void limit_roughness(inout SheenParameters sheen, float smallest) {}
+
+Sheen prepare_lobe(SheenParameters parameters, BaseMaterial base, vec3 wo) {
+    return prepare_sheen(parameters, base.inside);
+}
+
+LobeAlbedo lobe_albedo(SheenParameters sheen, BaseMaterial base, float cosine) {
+    return LobeAlbedo(sheen.color, base.inside ? 0.0 : sheen_albedo(sheen.perceptual_roughness, cosine), true);
+}
+
+LobeAlbedo lobe_albedo(Sheen sheen, vec3 wo) {
+    return LobeAlbedo(sheen.color, sheen.inside ? 0.0 : sheen_albedo(sheen.perceptual_roughness, wo.z), true);
+}
+
+LobeValue lobe_value(Sheen sheen, vec3 wo, vec3 wi) {
+    return LobeValue(wi.z > 0.0 ? evaluate_sheen(sheen, wo, wi) : vec3(0.0), vec3(0.0));
+}
+
+float lobe_pdf(Sheen sheen, vec3 wo, vec3 wi) { return wi.z > 0.0 ? sheen_pdf() : 0.0; }
+LobeSample sample_lobe(Sheen sheen, vec3 wo, float choice, vec2 u) { return spread_sample(sample_sheen(u), true); }
+float lobe_cover(Sheen sheen, vec3 wo, vec3 wi) { return sheen_cover(sheen, wo, wi); }
+float lobe_spread(Sheen sheen, float probability) { return probability > 0.0 ? 1.0 : 0.0; }
+void remove_diffuse(inout Sheen sheen) { sheen.color = vec3(0.0); }
+void leave_out(inout Sheen sheen) { sheen = prepare_sheen(NO_SHEEN, false); }
 
 #endif
