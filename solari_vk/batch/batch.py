@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from solari_vk.base.errors import SolariError, checked_keywords
 from solari_vk.batch import view_cameras
-from solari_vk.batch.batch_renderers import BatchPathTracer, BatchRenderer, show_worlds
+from solari_vk.batch.batch_renderers import BatchPathTracer, BatchRenderer, WorldBindings
 from solari_vk.batch.frames import WHERE as MANY
 from solari_vk.batch.frames import ManyFrames, cameras_of, cuts_of, moves_of, poses_of, seeds_of
 from solari_vk.batch.options import (
@@ -108,7 +108,8 @@ class Batch(BatchResults):
             self._given: list[GivenNumbers] = [*self.binder.assets.given]
             if isinstance(self._worlds, Worlds):
                 self._given.append(self._worlds.given_poses)
-            self._bound = self._worlds.update()
+            self._worlds.update()
+            self._bindings = WorldBindings(self._worlds)  # of the frame of labels
             self._capacity = self._worlds.rows
             if renderer == "realtime":
                 self._realtime = BatchRenderer(
@@ -297,7 +298,7 @@ class Batch(BatchResults):
 
     def _find_labels(self, frame: SceneFrame) -> None:
         frame.apply_edits()
-        self._bound = show_worlds(frame, self._worlds, self._bound)
+        self._bindings.show(frame)
         if self._orders.update():
             frame.bind(self._orders.buffers)
         if (capacity := self._worlds.rows) != self._capacity:

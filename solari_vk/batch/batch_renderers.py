@@ -22,42 +22,28 @@ from solari_vk.passes import reference, world_cache
 from solari_vk.passes.many_views import grid, over_views, tiled
 from solari_vk.renderers.path_tracer import PathTracer
 from solari_vk.renderers.renderer import THIS_FRAME, Renderer
-from solari_vk.renderers.renderer_base import RendererBase
 from solari_vk.renderers.scene_frame import SceneFrame
 from solari_vk.scene.model import Scene
 
 Size = tuple[int, int]
 
 
-def show_worlds(frame: SceneFrame, worlds: WorldTables, bound: int) -> int:
-    """Have a frame, which has the scene's edits and the worlds' resources of a version, show what the worlds are now;
-    returns the version that it has then."""
-    version = worlds.update()
-    if bound != version:
-        frame.bind(worlds.resources)
-    return version
+class WorldBindings:
+    """The worlds' resources, as frames have them bound."""
+
+    def __init__(self, worlds: WorldTables) -> None:
+        self.worlds = worlds
+        self._version = worlds.version  # of the resources that the frame has
+
+    def show(self, frame: SceneFrame) -> None:
+        """Have a frame, which has the scene's edits already, show what the worlds are now."""
+        version = self.worlds.update()
+        if version != self._version:
+            frame.bind(self.worlds.resources)
+            self._version = version
 
 
-class _WorldsRenderer(RendererBase):
-    """The base of renderers of the views of worlds. `_bound` is the version of the worlds that the frame has."""
-
-    _worlds: WorldTables
-    _bound: int
-
-    @property
-    def frame(self) -> SceneFrame:
-        """What has the results."""
-        return self._frame
-
-    @property
-    def _dark_scenes(self) -> list[Scene]:
-        return [] if self._worlds.lit else super()._dark_scenes
-
-    def _show_worlds(self) -> None:
-        self._bound = show_worlds(self._frame, self._worlds, self._bound)
-
-
-class BatchPathTracer(_WorldsRenderer, PathTracer):
+class BatchPathTracer(PathTracer):
     """The path tracer over a strip of views, whose result is `radiance_mean`."""
 
     def __init__(
@@ -69,11 +55,22 @@ class BatchPathTracer(_WorldsRenderer, PathTracer):
         worlds: WorldTables,
         options: dict[str, Any],
     ) -> None:
-        self._views, self._worlds, self._bound = views, worlds, worlds.version
+        self._views = views
+        self._worlds = worlds
+        self._bindings = WorldBindings(worlds)
         super().__init__(device, binder, strip, **options)
 
+    @property
+    def frame(self) -> SceneFrame:
+        """What has the results."""
+        return self._frame
+
+    @property
+    def _dark_scenes(self) -> list[Scene]:
+        return [] if self._worlds.lit else super()._dark_scenes
+
     def _stages(self, size: Size) -> list[Stage]:
-        return over_views([reference.trace_stage(size, self._band_rows, self.settings)])
+        return over_views(super()._stages(size))
 
     def _inputs(self) -> dict[str, Any]:
         return super()._inputs() | {"views": self._views, **self._worlds.resources}
@@ -83,14 +80,14 @@ class BatchPathTracer(_WorldsRenderer, PathTracer):
         self._begin_picture()
         self._warn_of_darkness()
         self._frame.apply_edits()
-        self._show_worlds()
+        self._bindings.show(self._frame)
         reference.write_uniforms(self._frame.uniforms, self.settings)
         while self.samples < samples:
-            self._add_samples(min(self._batch, samples - self.samples))
-            self._adapt()
+            self._add_samples(min(self._dispatch.samples, samples - self.samples))
+            self._adapt_dispatches()
 
 
-class BatchRenderer(_WorldsRenderer, Renderer):
+class BatchRenderer(Renderer):
     """The realtime renderer over a grid of views. Views share lights and the world cache, and nothing else."""
 
     def __init__(
@@ -104,7 +101,9 @@ class BatchRenderer(_WorldsRenderer, Renderer):
         options: dict[str, Any],
     ) -> None:
         self._grid = grid(size, count, device.properties.limits.maxImageDimension2D)
-        self._worlds, self._world_count, self._bound = worlds, worlds.count, worlds.version
+        self._worlds = worlds
+        self._world_count = worlds.count
+        self._bindings = WorldBindings(worlds)
         self._change = np.zeros(count)  # WorldChanges.change, as each view has seen it
         self._own_jitter = np.zeros((count, 2))  # of the latest frame's cameras
         self._shifts = np.zeros((2, 2, count))  # their jitter and principal_shift, as x and y in rendered pixels
@@ -124,6 +123,15 @@ class BatchRenderer(_WorldsRenderer, Renderer):
         for one in owned:
             self._owned.callback(one.destroy)
         self._all_views = self._frame.uniforms.writer("all_views", THIS_FRAME[:5])
+
+    @property
+    def frame(self) -> SceneFrame:
+        """What has the results."""
+        return self._frame
+
+    @property
+    def _dark_scenes(self) -> list[Scene]:
+        return [] if self._worlds.lit else super()._dark_scenes
 
     @property
     def gbuffer(self) -> str:
@@ -153,8 +161,8 @@ class BatchRenderer(_WorldsRenderer, Renderer):
         own = {"views": self.views.buffer, "world_changes": self._changes.buffer}
         return super()._inputs() | own | dict(self._worlds.resources)
 
-    def _note_build(self) -> None:
-        super()._note_build()
+    def _remember_build(self) -> None:
+        super()._remember_build()
         self._offsets = np.array(2 * self._jitters).T
 
     def _write_settings(self) -> None:
@@ -169,7 +177,7 @@ class BatchRenderer(_WorldsRenderer, Renderer):
         cache is that of earlier frames."""
         self._has_lens = bool(written.lenses)
         self._prepare()
-        self._show_worlds()
+        self._bindings.show(self._frame)
         known = self._worlds.known_lights or [Known.of(self.binder.lights)]
         self._changes.update(known, self.settings.world_cache_cell_size)
         try:

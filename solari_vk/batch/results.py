@@ -4,25 +4,28 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
+from contextlib import ExitStack
 from functools import partial
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-from solari_vk.base.errors import SolariError, unknown_name
+from solari_vk.base.errors import Hints, SolariError, unknown_name
 from solari_vk.batch.batch_renderers import BatchPathTracer, BatchRenderer
 from solari_vk.batch.frames import ManyFrames, Result
 from solari_vk.batch.options import LIGHT
+from solari_vk.bound.binder import SceneBinder
 from solari_vk.bound.given_numbers import GivenNumbers
 from solari_vk.gpu.device.buffer import Buffer
 from solari_vk.gpu.device.cuda_tensor import CudaTensor
+from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.device.image import Image
-from solari_vk.renderers.scene_frame import SceneFrame, SceneUser
-from solari_vk.scene.model import Material
+from solari_vk.renderers.scene_frame import SceneFrame, bind_scene
+from solari_vk.scene.model import Material, Scene
 
 
-class BatchResults(SceneUser):
+class BatchResults(Hints):
     """A batch with what its latest frames show. `_labels`, `_paths` and `_realtime` are its frames."""
 
     size: tuple[int, int]
@@ -35,6 +38,11 @@ class BatchResults(SceneUser):
     _labels: SceneFrame | None = None
     _paths: BatchPathTracer | None = None
     _realtime: BatchRenderer | None = None
+
+    def __init__(self, device: Device, scene: Scene | SceneBinder) -> None:
+        self.device = device
+        self._owned = ExitStack()
+        self.binder = bind_scene(device, scene, type(self).__name__, self._owned)
 
     def keys(self) -> list[str]:
         """The names of the results."""
@@ -153,7 +161,13 @@ class BatchResults(SceneUser):
         """Free everything on the device, when no tensor needs it any more. Safe to call twice."""
         self._closed = True
         if not self._tensors:
-            super().close()
+            self._owned.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
 
     def __repr__(self) -> str:
         width, height = self.size

@@ -53,7 +53,7 @@ class FrameBudget:
     def choose_for(self, frame: Frame, settings: Settings, is_cut: bool) -> float:
         """As `choose`, for the next submission of a frame, after a look at the times of those before."""
         times = frame.timings_so_far()
-        self.note_times(frame.timed_value, times)
+        self.record_times(frame.timed_value, times)
         if not settings.denoise:
             self.share, self.limit, self._next, self._history = 1.0, "denoise=off", (1.0, 0.0), 0.0
             return self.share
@@ -76,14 +76,14 @@ class FrameBudget:
         self._history += min(count, 1.0)
         return self.share
 
-    def note_submission(self, value: int) -> None:
-        """value: the device's timeline value of a frame. Without a choice for it nothing is noted. The first one's
+    def record_submission(self, value: int) -> None:
+        """value: the device's timeline value of a frame. Without a choice for it nothing is recorded. The first one's
         time, which may include what a driver does once, doesn't count."""
         if self._next and not self._is_first:
             self._submitted[value] = self._next
         self._next, self._is_first = None, False
 
-    def note_times(self, value: int, times: Mapping[str, float]) -> None:
+    def record_times(self, value: int, times: Mapping[str, float]) -> None:
         """times: of the passes of the frame with this timeline value, by name. Frames that are known are ignored."""
         if value not in self._submitted or not times:
             return

@@ -94,7 +94,7 @@ class _PointTracer(PathTracer):
         self._frame.uniforms["measurement.cylindrical"] = cylindrical
 
     def _stages(self, size: tuple[int, int]) -> list[Stage]:
-        return [reference.trace_stage(size, self._band_rows, self.settings, "illuminance")]
+        return [reference.trace_stage(size, self._dispatch.rows, self.settings, "illuminance")]
 
     def _inputs(self) -> dict[str, Any]:
         reach = max((np.abs(b).max() for b in self._corners()), default=0.0)

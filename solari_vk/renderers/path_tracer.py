@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import time
-from collections import deque
 from collections.abc import Callable
 from typing import Any
 
@@ -13,23 +12,25 @@ from numpy.typing import NDArray
 
 from solari_vk.base.errors import SolariError, checked_keywords, quoted, unknown_name
 from solari_vk.bound.binder import SceneBinder
-from solari_vk.bound.projection import CameraUniforms, Projection
+from solari_vk.bound.projection import JITTERS, CameraUniforms, Projection
 from solari_vk.gpu.device.cuda_tensor import CudaTensor
 from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.frame.frame import Stage
 from solari_vk.output import oidn
 from solari_vk.passes import reference
-from solari_vk.renderers.motion_blur import ShutterRenderer
+from solari_vk.renderers.dispatch_size import MAX_SAMPLES, DispatchSize
+from solari_vk.renderers.motion_blur import Pose, PosedCameras, checked_pose, pose_after_error
+from solari_vk.renderers.renderer_base import RendererBase
 from solari_vk.renderers.results import RenderedFrame
 from solari_vk.renderers.sample_counts import SampleCounts
 from solari_vk.renderers.scene_frame import SceneFrame
 from solari_vk.scene.model import Camera, Scene
-from solari_vk.scene.shutter import Shutter
+from solari_vk.scene.shutter import Moment, Shutter
 
-MAX_SAMPLES = 64  # per pixel in one dispatch
+OIDN_GUIDES = ("albedo", "shading_normal")
 
 
-class PathTracer(ShutterRenderer):
+class PathTracer(RendererBase):
     """The reference path tracer: progressive, unbiased, the ground truth of every realtime test.
 
     size: (width, height) in pixels. max_bounces: the number of surfaces at which a path may be scattered; 0 shows
@@ -46,7 +47,8 @@ class PathTracer(ShutterRenderer):
     """
 
     OUTPUTS = ("radiance", "raw_radiance", *reference.AOVS)
-    begun = 0, 0  # samples that `advance` is tracing by bands, and the row that comes next
+    begun = 0, 0
+    """The samples per pixel that `advance` is tracing in bands of rows, and the row that comes next; 0, 0 if none."""
     LARGEST_PIXEL_BYTES = reference.LARGEST_PIXEL_BYTES
     IN_IMAGES = False
 
@@ -65,23 +67,24 @@ class PathTracer(ShutterRenderer):
         lambert: bool = False,
         first_sample: int = 0,
     ) -> None:
-        options = max_bounces, seed, light_strategy, pixel_filter, layering, lambert, first_sample
-        self.settings = reference.Settings(*options)
+        self.settings = reference.Settings(
+            max_bounces, seed, light_strategy, pixel_filter, layering, lambert, first_sample
+        )
         super().__init__(device, scene, size)
         try:
             self._shown: tuple[Any, ...] | None = None  # scene, size and camera of the picture
-            self._pixel_ms = 0.0  # milliseconds of a sample of a pixel, 0 until they are measured
-            self._begin_adapting(reference.max_rows(self.size), 0)
+            self._posed_cameras = PosedCameras()
+            self._dispatch = DispatchSize(self.size)
             stages = self._stages(self.size)
             self._frame = self._owned.enter_context(SceneFrame(device, self.binder, stages, external=self._inputs()))
-            self._control = SampleCounts(self._frame, self.size, self.read)
+            self._sample_counts = SampleCounts(self._frame, self.size, self.read)
             self._begin_picture()
         except BaseException:
             self.close()
             raise
 
     def _stages(self, size: tuple[int, int]) -> list[Stage]:
-        return [reference.trace_stage(size, self._band_rows, self.settings)]
+        return [reference.trace_stage(size, self._dispatch.rows, self.settings)]
 
     def _inputs(self) -> dict[str, Any]:
         """What the stages' shaders are given beside the scene, by name."""
@@ -89,19 +92,13 @@ class PathTracer(ShutterRenderer):
 
     def resize(self, size: tuple[int, int]) -> None:
         size = self._checked_size(size)
-        rows = reference.max_rows(size, self._pixel_ms)
-        self._frame.rebuild([reference.trace_stage(size, rows, self.settings)])
+        dispatch = DispatchSize(size, self._frame.frame_count, self._dispatch.pixel_ms)
+        self._frame.rebuild([reference.trace_stage(size, dispatch.rows, self.settings)])
+        # Nothing may have changed if the device has no memory for this size, so all else follows the rebuild.
         self._size = size
-        self._control = SampleCounts(self._frame, size, self.read)
-        self._begin_adapting(rows, self._frame.frame_count)
+        self._dispatch = dispatch
+        self._sample_counts = SampleCounts(self._frame, size, self.read)
         self.reset()
-
-    def _begin_adapting(self, rows: int, frame_count: int) -> None:
-        """Begin with dispatches of `rows` rows and one sample per pixel, and measure them from `frame_count` on."""
-        self._band_rows, self._batch = rows, 1
-        self._next_look = frame_count + 4  # when `_adapt` measures next; in the first frames drivers may compile
-        # The timeline value of each of the latest dispatches, and its rows times samples.
-        self._sizes: deque[tuple[int, int]] = deque(maxlen=4)
 
     @property
     def seed(self) -> int:
@@ -129,19 +126,20 @@ class PathTracer(ShutterRenderer):
 
     def reset(self) -> None:
         """Discard the picture's samples."""
-        self._shown = self._latest = None
+        self._shown = None
+        self._latest = None
         self._begin_picture()
 
     def _begin_picture(self) -> None:
-        self._control.begin()
+        self._sample_counts.begin()
         self.begun = 0, 0
         self._denoised: tuple[int, NDArray[np.float32]] | None = None  # number of samples, and the picture
-        self._guides = None
+        self._guides: list[NDArray[Any]] | None = None
 
     @property
     def samples(self) -> int:
         """The number of samples per pixel in the picture so far, of the pixel that has most."""
-        return self._control.samples
+        return self._sample_counts.samples
 
     # ---- rendering ----------------------------------------------------------------------------------
 
@@ -174,61 +172,73 @@ class PathTracer(ShutterRenderer):
         """
         self._frame.check_open()
         camera = self._camera_or_default(camera)
+        exposes = shutter is not None or pose is not None
+        self._check_aim(samples, target_error, exposes, denoise)
+        started = time.perf_counter()
+
+        def is_late() -> bool:
+            return time_limit is not None and time.perf_counter() - started > time_limit
+
+        if exposes:
+            return self._render_exposed(camera, samples, shutter, pose, denoise, is_late, progress)
+        self._prepare(camera)
+        if self.begun[0]:
+            self._add_samples(0)  # the rest of what `advance` has begun
+        self._sample_counts.aim(target_error, denoise, samples)
+        self._warn_of_darkness()
+        if denoise:
+            self.read_guides()  # now, because the scene may be edited before the picture is read
+        while wanted := self._sample_counts.wanted(samples):
+            self.advance(camera, wanted)
+            if progress is not None:
+                progress(self.samples)
+            if is_late():
+                break
+        assert self._latest is not None
+        self._latest.camera = camera  # another one, perhaps with another exposure, where no sample was missing
+        return self._finish(self._latest)
+
+    def _check_aim(self, samples: Any, target_error: Any, exposes: bool, denoise: bool) -> None:
+        """Raise SolariError for what no picture can aim at."""
         if not isinstance(samples, int) or samples < 1:
             raise SolariError(f"PathTracer.render: samples must be a whole number from 1 on, not {quoted(samples)}")
         if target_error is not None and not (isinstance(target_error, (int, float)) and target_error >= 0):
             raise SolariError(f"PathTracer.render: target_error must be at least 0, not {quoted(target_error)}")
         if denoise:
             oidn.check_installed()
-        if shutter is not None or pose is not None:
-            if target_error is not None:
-                raise SolariError("PathTracer.render: pictures with a shutter have no target_error: leave it out")
-            self._control.aim(None, denoise)
-            return self._expose(camera, samples, shutter, pose, denoise, time_limit, progress)
-        started = time.perf_counter()
-        self._prepare(camera)
-        if self.begun[0]:
-            self._add_samples(0)  # the rest of what `advance` has begun
-        self._control.aim(target_error, denoise, samples)
-        self._warn_of_darkness()
-        if denoise:
-            self.read_guides()  # now, because the scene may be edited before the picture is read
-        while wanted := self._control.wanted(samples):
-            self.advance(camera, wanted)
-            if progress is not None:
-                progress(self.samples)
-            if time_limit is not None and time.perf_counter() - started > time_limit:
-                break
-        assert self._latest is not None
-        self._latest.camera = camera  # another one, perhaps with another exposure, where no sample was missing
-        return self._finish(self._latest)
+        if exposes and target_error is not None:
+            raise SolariError("PathTracer.render: pictures with a shutter have no target_error: leave it out")
 
     def advance(self, camera: Camera | None = None, max_samples: int = MAX_SAMPLES, bands: int | None = None) -> None:
         """Submit a short dispatch with the next samples, of all pixels or `bands` of rows below those of the latest."""
         camera = self._camera_or_default(camera)
         self._prepare(camera)
-        self._control.more()
-        submission = self._add_samples(self._control.limited(min(self._batch, max_samples)), bands)
+        self._sample_counts.demand_more()
+        count = self._sample_counts.limited(min(self._dispatch.samples, max_samples))
+        submission = self._add_samples(count, bands)
         self._latest = RenderedFrame(self, camera, self._projection, submission)
-        self._adapt()
+        self._adapt_dispatches()
 
     def _prepare(self, camera: Camera) -> None:
         """Apply edits of the scene; discard the samples if the scene, the size or the camera has changed."""
-        self._note_camera(camera)
+        self._prepare_lens(camera)
         self.binder.update()
         projection = Projection.of(camera, self.size)
         shown = (self.binder.revision, self.size, *projection.view)
         if shown != self._shown:
-            self._shown, self._projection = shown, projection
+            self._shown = shown
+            self._projection: Projection = projection
             self._begin_picture()
             CameraUniforms(self._frame.uniforms).write(camera, self.size)
             reference.write_uniforms(self._frame.uniforms, self.settings)
 
     def _add_samples(self, count: int, bands: int | None = None) -> int:
         """Trace `count` samples of all pixels, or what is left of the latest, in bands; returns the timeline value."""
-        first, height = self._control.first, self.size[1]
-        count, top = self.begun if self.begun[0] else (count, 0)
-        below = height if bands is None else min(top + bands * self._band_rows, height)
+        first, height = self._sample_counts.first, self.size[1]
+        top = 0
+        if self.begun[0]:
+            count, top = self.begun
+        below = height if bands is None else min(top + bands * self._dispatch.rows, height)
         try:
             submission = self._trace_rows(top, below, first, first + count)
         except BaseException:
@@ -238,45 +248,106 @@ class PathTracer(ShutterRenderer):
         return submission
 
     def _trace_rows(self, top: int, below: int, first: int, end: int) -> int:
+        """Trace the samples from `first` up to `end` of the rows from `top` up to `below`, which have those before;
+        returns the device's timeline value. Samples count when the last row has them."""
         uniforms, submission = self._frame.uniforms, 0
-        while first < end:
-            count = min(end - first, self._batch)
-            uniforms["path_sampling.sample_index"] = first
+        for sample in range(first, end, self._dispatch.samples):
+            count = min(end - sample, self._dispatch.samples)
+            uniforms["path_sampling.sample_index"] = sample
             uniforms["path_sampling.samples_per_dispatch"] = count
-            for row in range(top, below, self._band_rows):
-                rows = min(self._band_rows, below - row)
-                uniforms["path_sampling.first_row"], uniforms["path_sampling.row_count"] = row, rows
+            for row in range(top, below, self._dispatch.rows):
+                rows = min(self._dispatch.rows, below - row)
+                uniforms["path_sampling.first_row"] = row
+                uniforms["path_sampling.row_count"] = rows
                 submission = self._frame.submit()
-                self._sizes.append((submission, count * rows))
-            first += count
+                self._dispatch.record(submission, count, rows)
         if below == self.size[1]:
-            self._control.add(end - self._control.first)
+            self._sample_counts.add(end - self._sample_counts.first)
         return submission
 
-    def _adapt(self) -> None:
-        """Choose the next dispatches' size by the time that the latest finished one took.
+    def _adapt_dispatches(self) -> None:
+        """Choose the next dispatches' size by the time of the latest ones, where these tell what a sample costs."""
+        if self.begun[0] or self._sample_counts.is_uneven:
+            return
+        if self._dispatch.adapt(self._frame):
+            self._frame.rebuild(self._stages(self.size))
 
-        This is done rarely, because on some drivers reading a timestamp waits for work in progress.
-        """
-        frame = self._frame
-        if self.begun[0] or self._control.is_uneven or frame.frame_count < self._next_look:
-            return
-        self._next_look = 2 * frame.frame_count
-        spent = sum(frame.timings.values())
-        size = dict(self._sizes).get(frame.timed_value, 0)
-        if not spent or not size:
-            return
-        wanted = reference.DISPATCH_MS / spent * size
-        self._pixel_ms = spent / (size * self.size[0])
-        self._batch = max(1, min(int(wanted / self._band_rows), 4 * self._batch, MAX_SAMPLES))
-        if wanted < self._band_rows / 4 and self._band_rows > reference.MIN_ROWS:
-            self._band_rows = max(int(wanted), reference.MIN_ROWS)
-            frame.rebuild(self._stages(self.size))
+    # ---- pictures with a shutter ----------------------------------------------------------------------
+
+    def _render_exposed(
+        self,
+        camera: Camera,
+        samples: int,
+        shutter: Any,
+        pose: Any,
+        denoise: bool,
+        is_late: Callable[[], bool],
+        progress: Callable[[int], None] | None,
+    ) -> RenderedFrame:
+        """A new picture whose samples show the scene at the times of an exposure; the scene stays as in its middle.
+
+        What `progress` raises ends the exposure and is raised again, with the picture so far as the latest."""
+        self._sample_counts.aim(None, denoise)
+        pose = checked_pose(self.binder.scene, shutter, pose, type(self).__name__)
+        guides: list[NDArray[Any]] = []
+        submission = 0
+        raised: BaseException | None = None
+        try:
+            for number, moment in enumerate(shutter.moments(samples, self.size[1], self.settings.seed)):
+                shown = self._pose_scene(camera, pose, moment.time)
+                if number == 0:
+                    self._begin_picture()
+                    self._frame.apply_edits()
+                    reference.write_uniforms(self._frame.uniforms, self.settings)
+                CameraUniforms(self._frame.uniforms).write(shown, self.size)
+                submission = self._trace_rows(*moment.rows, *moment.samples)
+                if denoise:
+                    self._add_guides(guides, moment, samples)
+                # Only between samples of all rows, since a picture can't end with rows that have more.
+                if moment.rows[1] == self.size[1]:
+                    raised = _raised_by(progress, self.samples)
+                    if raised or is_late():
+                        break
+                self._adapt_dispatches()
+            shown = self._pose_scene(camera, pose, shutter.middle)
+        except BaseException:
+            self.reset()
+            pose_after_error(pose, shutter)
+            raise
+        self._shown = None  # so that the next picture is a new one
+        # Guides are means over all samples that were asked for, and the picture may have ended early.
+        self._guides = [mean * np.float32(samples / self.samples) for mean in guides] or None
+        frame = RenderedFrame(self, shown, self._projection, submission, exposed=True)
+        self._posed_cameras.remember(shown, camera)
+        self._finish(frame)
+        if raised is not None:
+            raise raised
+        return frame
+
+    def _pose_scene(self, camera: Camera, pose: Pose, seconds: float) -> Camera:
+        """Pose the scene and apply its edits; returns the camera."""
+        shown = self._posed_cameras.pose(pose, seconds, camera)
+        self._prepare_lens(shown)
+        self.binder.update()
+        self._warn_of_darkness()
+        self._projection = Projection.of(shown, self.size)
+        return shown
+
+    def _add_guides(self, guides: list[NDArray[Any]], moment: Moment, samples: int) -> None:
+        """Add a ray of each pixel at the time of a moment, weighted with its share of the samples, in its rows."""
+        top, below = moment.rows
+        offset = JITTERS[moment.samples[0] % len(JITTERS)]
+        found = self.first_hits.read_at(OIDN_GUIDES, self._projection, self.size, offset)
+        if not guides:
+            guides += [np.zeros_like(values) for values in found]
+        share = np.float32((moment.samples[1] - moment.samples[0]) / samples)
+        for mean, values in zip(guides, found, strict=True):
+            mean[top:below] += share * values[top:below]
 
     # ---- results ------------------------------------------------------------------------------------
 
     def read(self, name: str) -> NDArray[Any]:
-        if name == "radiance" and self._control.denoises:
+        if name == "radiance" and self._sample_counts.denoises:
             return self._read_denoised().copy()
         if name in ("radiance", "raw_radiance"):
             return reference.read_mean(self._frame, self.size)
@@ -287,7 +358,7 @@ class PathTracer(ShutterRenderer):
         return self._frame[name]
 
     def tensor(self, name: str) -> NDArray[Any] | CudaTensor:
-        if (name == "radiance" and self._control.denoises) or name == "variance":
+        if (name == "radiance" and self._sample_counts.denoises) or name == "variance":
             raise SolariError(f"PathTracer: '{name}' is made on the host: there is no tensor of it on the device")
         if name not in ("radiance", "raw_radiance"):
             raise unknown_name("PathTracer: there is no tensor", name, ("radiance", "raw_radiance"))
@@ -297,7 +368,7 @@ class PathTracer(ShutterRenderer):
     def read_guides(self) -> list[NDArray[Any]]:
         """What OIDN is guided by: means of the albedo and of the shading normal, (height, width, 3) each."""
         if self._guides is None:
-            self._guides = self.first_hits.read_means(("albedo", "shading_normal"), self._projection, self.size)
+            self._guides = self.first_hits.read_means(OIDN_GUIDES, self._projection, self.size)
         return self._guides
 
     def _read_denoised(self) -> NDArray[np.float32]:
@@ -311,14 +382,24 @@ class PathTracer(ShutterRenderer):
 
         inf before there are enough samples, and without target_error, of which 0 takes all samples. Of a denoised one
         it is noise and bias of an earlier one with at most half the samples, which the samples since then show."""
-        return self._control.error
+        return self._sample_counts.error
 
     @property
     def sample_counts(self) -> NDArray[np.int64]:
         """The number of samples (height, width) of each pixel; they differ where `target_error` chose them."""
-        return self._control.counts
+        return self._sample_counts.counts
 
     @property
     def rays(self) -> int:
         """The number of rays traced for the picture so far."""
         return int(self._frame["ray_count"].sum(dtype=np.uint64))
+
+
+def _raised_by(progress: Callable[[int], None] | None, samples: int) -> BaseException | None:
+    """What a call of `progress` raises, None if nothing."""
+    try:
+        if progress is not None:
+            progress(samples)
+    except BaseException as error:
+        return error
+    return None

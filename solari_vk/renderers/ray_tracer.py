@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, NoReturn
+from contextlib import ExitStack
+from typing import TYPE_CHECKING, Any, NoReturn, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from solari_vk.base.errors import SolariError, checked_keywords, unknown_attribute
+from solari_vk.base.errors import Hints, SolariError, checked_keywords, unknown_attribute
 from solari_vk.bound.binder import SceneBinder
 from solari_vk.bound.triangle_orders import TriangleOrders
 from solari_vk.gpu.acceleration.checks import check_switch, numbers, whole_number
@@ -18,7 +19,7 @@ from solari_vk.gpu.frame.frame import Pass, Stage, Step
 from solari_vk.gpu.shaders.compiler import compile_shader
 from solari_vk.gpu.shaders.spirv import reflect
 from solari_vk.passes import brdf_table
-from solari_vk.renderers.scene_frame import SceneFrame, SceneUser
+from solari_vk.renderers.scene_frame import SceneFrame, bind_scene
 from solari_vk.scene.model import Instance, Scene
 
 SHADER, ECHO_SHADER = "passes/ray_tracer/trace.comp", "passes/ray_tracer/backscatter.comp"
@@ -36,7 +37,7 @@ class Hits(np.recarray[Any, Any]):
             raise unknown_attribute("hits have no field", name, lambda: self.dtype.names or ())
 
 
-class RayTracer(SceneUser):
+class RayTracer(Hints):
     """Traces arrays of rays through a scene. A context manager.
 
     The scene may be edited between calls. `instances` has the Instance objects by the numbers in hits. Rays hit an
@@ -45,7 +46,9 @@ class RayTracer(SceneUser):
 
     @checked_keywords()
     def __init__(self, device: Device, scene: Scene | SceneBinder) -> None:
-        super().__init__(device, scene)
+        self.device = device
+        self._owned = ExitStack()
+        self.binder = bind_scene(device, scene, type(self).__name__, self._owned)
         self._frames: dict[tuple[bool, bool], SceneFrame] = {}
         self._orders = TriangleOrders(device, self.binder)
         self._revision = -1
@@ -189,7 +192,13 @@ class RayTracer(SceneUser):
         self._buffers.clear()
         self._orders.destroy()
         self._mapped.clear()
-        super().close()
+        self._owned.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
 
 
 def _host_type(element: Any) -> np.dtype[Any]:

@@ -1,7 +1,8 @@
-"""The realtime renderer: `_stages` lists what a frame is, from top to bottom."""
+"""The realtime renderer. `render` is a frame on the host, `_stages` is what it runs on the device, top to bottom."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from contextlib import closing
 from typing import Any
 
@@ -23,10 +24,18 @@ from solari_vk.passes import display, gbuffer, guides, lighting, ray_count, refe
 from solari_vk.passes.debug_views import DEBUG_VIEWS, PICTURE, check_view, views_of
 from solari_vk.passes.many_views import tiled, upload_rows
 from solari_vk.renderers.frame_budget import FrameBudget, check_frame_ms
-from solari_vk.renderers.motion_blur import Exposed, ExposureRenderer
-from solari_vk.renderers.renderer_base import by_pixel, checked_seed
+from solari_vk.renderers.motion_blur import (
+    PosedCameras,
+    RealtimeExposure,
+    ShutterUniforms,
+    checked_pose,
+    pose_after_error,
+)
+from solari_vk.renderers.renderer_base import METERING_FRAMES, RendererBase, by_pixel, checked_seed
+from solari_vk.renderers.results import RenderedFrame
 from solari_vk.renderers.scene_frame import SceneFrame
 from solari_vk.scene.model import Camera, Scene
+from solari_vk.scene.shutter import Shutter
 from solari_vk.settings import Settings, uniform_values
 
 # Fields of the uniform block.
@@ -43,7 +52,7 @@ _GIVE_SETTINGS = (
 COUNTING = ("gbuffer", "world_cache")  # stages with a buffer of counters, NAME_counters
 
 
-class Renderer(ExposureRenderer):
+class Renderer(RendererBase):
     """Realtime lighting: one path a pixel, more where it has little history, ended by a world-space radiance cache; or
     Solari's separate passes.
 
@@ -68,7 +77,8 @@ class Renderer(ExposureRenderer):
     )
     LARGEST_PIXEL_BYTES = 64
     IN_IMAGES = True
-    _grid, _world_count = (1, 1), 1  # columns and rows of views in the frame's pictures; and of how many worlds
+    _grid = (1, 1)  # columns and rows of views in the frame's pictures
+    _world_count = 1  # worlds that the views show
 
     @checked_keywords(_GIVE_SETTINGS)
     def __init__(
@@ -90,23 +100,90 @@ class Renderer(ExposureRenderer):
         super().__init__(device, scene, size)
         self._owned.callback(self.binder.keep_previous_tlas, self, False)
         try:
-            self.view, self.tonemap = PICTURE, "agx"
-            self.frame_count, self.frame_time = 0, FrameBudget()
-            self._has_history, self._blended_changes = False, 0
+            self.view = PICTURE
+            self.tonemap = "agx"
+            self.frame_count = 0
+            self.frame_time = FrameBudget()
+            self._posed_cameras = PosedCameras()
+            self._exposure = RealtimeExposure()
+            self._has_history = False
+            self._blended_changes = 0  # the binder's count in the latest frame
             self._previous_jitter = (0.0, 0.0)  # the camera's own
-            self._settings_seen: tuple[Any, ...] = ()  # what the settings in the uniforms were written from
+            self._written_settings: tuple[Any, ...] = ()  # what the settings in the uniforms were written from
             self._lights = self._owned.enter_context(closing(IndexTranslation(device)))
             self._changed_lights = RecentChanges()
             frame = SceneFrame(device, self.binder, self._stages(self.size), external=self._inputs())
             self._frame = self._owned.enter_context(frame)
             self._camera_uniforms = CameraUniforms(self._frame.uniforms)
             self._this_frame = self._frame.uniforms.writer("this_frame", THIS_FRAME)
-            self._note_build()
+            self._remember_build()
         except BaseException:
             self.close()
             raise
 
     # ---- the frame ----------------------------------------------------------------------------------
+
+    @checked_keywords()
+    def render(
+        self,
+        camera: Camera | None = None,
+        *,
+        shutter: Shutter | None = None,
+        pose: Callable[[float], Any] | None = None,
+    ) -> RenderedFrame:
+        """Submit the next frame and return it, without waiting for it; its results are read by name.
+
+        camera: by default the scene's. Light accumulates over frames; the picture of a still camera settles after about
+        24 frames. Call `reset` at a cut. shutter: the frame shows one time of the exposure, for which `pose(seconds)`,
+        by default `scene.animate`, poses the scene, and may return the camera; `radiance` is the mean of the successive
+        frames given this shutter, pose and camera, and another one begins a new picture. The scene stays as in
+        the middle of the exposure, which results at pixels' centers show. Raises SolariError for a wrong camera, a
+        shutter without a pose in a scene without animations, or an invalid scene.
+        """
+        camera = self._camera_or_default(camera)
+        if shutter is None and pose is None:
+            projection, submission = self._submit(camera, self._exposure.after(self.size[1]))
+            self._exposure.end()
+            frame = RenderedFrame(self, camera, projection, submission)
+        else:
+            frame = self._render_exposed(camera, shutter, pose)
+        self._posed_cameras.remember(frame.camera, camera)
+        return self._finish(frame, METERING_FRAMES)
+
+    def _render_exposed(self, camera: Camera, shutter: Any, pose: Any) -> RenderedFrame:
+        """The next frame of an exposure; the scene stays as in its middle."""
+        pose = checked_pose(self.binder.scene, shutter, pose, type(self).__name__)
+        # Frames of another seed show other times.
+        seconds, rows = shutter.frame(self.frame_count + SEED_STRIDE * self.seed, self.size[1])
+        exposure = shutter, pose, Projection.of(camera, self.size).view
+        uniforms = self._exposure.begin_frame(exposure, rows)
+        try:
+            shown = self._posed_cameras.pose(pose, seconds, camera)
+            _, submission = self._submit(shown, uniforms)
+            middle = self._posed_cameras.pose(pose, shutter.middle, camera)
+        except BaseException:
+            self.reset()  # what the device has is the mean of an exposure
+            pose_after_error(pose, shutter)
+            raise
+        self._exposure.finish_frame(exposure)
+        return RenderedFrame(self, middle, Projection.of(middle, self.size), submission, exposed=True)
+
+    def _submit(self, camera: Camera, exposure: ShutterUniforms | None = None) -> tuple[Projection, int]:
+        """Submit a frame of the scene as it is; returns its projection, and the device's timeline value."""
+        self._prepare_lens(camera, rasters=self.settings.gbuffer == "raster")
+        self._prepare()
+        try:
+            if self.settings.frame_ms > 0:
+                share = self.frame_time.choose_for(self._frame, self.settings, not self._has_history)
+                self._frame.uniforms.update_declared({"path_share.value": share})
+            projection = self._write_uniforms(camera, exposure)
+            submission = self._frame.submit_applied()
+        except BaseException:
+            self.reset()  # the history on the device doesn't belong to the cameras and lights recorded here
+            raise
+        self.frame_count += 1
+        self.frame_time.record_submission(submission)
+        return projection, submission
 
     @property
     def gbuffer(self) -> str:
@@ -116,9 +193,12 @@ class Renderer(ExposureRenderer):
 
     def _stages(self, picture: tuple[int, int]) -> list[Stage]:
         """The stages of a frame, in order. picture: width and height of the picture in pixels."""
-        settings, instances, grid = self.settings, self._world_count * self.binder.instance_capacity, self._grid
+        settings, grid = self.settings, self._grid
         check_frame_ms(settings, self.device)
-        size, picture = (tiled(one, grid) for one in (taa.render_size(picture, settings), picture))
+        instances = self._world_count * self.binder.instance_capacity
+        size = tiled(taa.render_size(picture, settings), grid)
+        picture = tiled(picture, grid)
+        # Only ReSTIR of paths asks whether a reused sample was visible in the previous frame.
         self.binder.keep_previous_tlas(self, settings.lighting == "paths" and settings.restir)
         stages = [
             gbuffer.stage(size, settings, instances, self.gbuffer, bool(LOBES & self.binder.features)),
@@ -136,22 +216,6 @@ class Renderer(ExposureRenderer):
         """What the stages' shaders are given beside the scene, by name."""
         return self._tables | self._lights.buffers
 
-    def _submit(self, camera: Camera, exposed: Exposed | None = None) -> tuple[Projection, int]:
-        self._note_camera(camera, rasters=self.settings.gbuffer == "raster")
-        self._prepare()
-        try:
-            if self.settings.frame_ms > 0:
-                share = self.frame_time.choose_for(self._frame, self.settings, not self._has_history)
-                self._frame.uniforms.update_declared({"path_share.value": share})
-            projection = self._write_uniforms(camera, exposed)
-            submission = self._frame.submit_applied()
-        except BaseException:
-            self.reset()  # the history on the device doesn't belong to the cameras and lights recorded here
-            raise
-        self.frame_count += 1
-        self.frame_time.note_submission(submission)
-        return projection, submission
-
     def _prepare(self) -> None:
         """Have the next frame show the scene and the settings as they are."""
         self._frame.apply_edits()
@@ -166,11 +230,11 @@ class Renderer(ExposureRenderer):
             self._has_lens,
             self._frame.uniforms.version,
         )
-        if seen != self._settings_seen:
+        if seen != self._written_settings:
             if self._built != self._build_key():
                 self._rebuild()
             self._write_settings()
-            self._settings_seen = seen
+            self._written_settings = seen
         lights = self.binder.lights
         if self._lights.update(lights.ids, lights.emitted, lights.positions, self.settings.world_cache_cell_size):
             self._frame.bind(self._lights.buffers)
@@ -180,7 +244,7 @@ class Renderer(ExposureRenderer):
         has_lobes = bool(LOBES & self.binder.features)
         return self.size, self.binder.instance_capacity, self.settings.built_in, has_lobes, self.gbuffer
 
-    def _note_build(self) -> None:
+    def _remember_build(self) -> None:
         self._built = self._build_key()
         self._built_render_size = self.render_size
         self._jitters = jitters(taa.jitter_count(self.settings))
@@ -194,7 +258,7 @@ class Renderer(ExposureRenderer):
         cells = self._frame.memory.get("world_cache_life")
         rendered = self._built_render_size
         self._frame.rebuild(self._stages(self.size))
-        self._note_build()
+        self._remember_build()
         if self._built_render_size != rendered:
             self.reset()  # histories have another size
         if self.view not in views_of(self.settings.lighting):
@@ -208,11 +272,13 @@ class Renderer(ExposureRenderer):
         shown = {"display_settings.debug_view": self._debug_view, "display_settings.tonemap": self._tonemap}
         self._frame.uniforms.update_declared(uniform_values(self.settings) | shown)
 
-    def _write_uniforms(self, camera: Camera, exposed: Exposed | None) -> Projection:
+    def _write_uniforms(self, camera: Camera, exposure: ShutterUniforms | None) -> Projection:
+        """Write what changes from frame to frame: the camera, the lights that changed, the noise's index and seed."""
         offset = (0.0, 0.0)
         if self.settings.jitter:
             offset = self._jitters[(self.frame_count + 7 * self.seed) % len(self._jitters)]
-        history, lights = self._has_history, self.binder.lights
+        history = self._has_history
+        lights = self.binder.lights
         cell_size = self.settings.world_cache_cell_size
         self._changed_lights.update(lights.ids, lights.emitted, lights.places, lights.positions, cell_size)
         if not history:
@@ -223,6 +289,7 @@ class Renderer(ExposureRenderer):
             camera, self.size, offset, render_size=self._built_render_size, has_history=history, lens_offset=on_lens
         )
         (x, y), (previous_x, previous_y) = projection.jitter, self._previous_jitter
+        shutter = (0, 0, 0) if exposure is None else (exposure.state, *exposure.rows)
         self._this_frame.write(
             self.frame_count & 0xFFFFFFFF,
             self.seed,
@@ -233,10 +300,11 @@ class Renderer(ExposureRenderer):
             *offset,
             x - previous_x,
             y - previous_y,
-            *((exposed.state, *exposed.rows) if exposed else (0, 0, 0)),
+            *shutter,
         )
         self._frame.uniforms.update_declared(self._changed_lights.uniforms)
-        self._previous_jitter, self._blended_changes = projection.jitter, self.binder.blended_changes
+        self._previous_jitter = projection.jitter
+        self._blended_changes = self.binder.blended_changes
         self._has_history = True
         return projection
 
@@ -287,6 +355,12 @@ class Renderer(ExposureRenderer):
         self._has_history = False
 
     # ---- results ------------------------------------------------------------------------------------
+
+    def check_latest(self, frame: RenderedFrame, name: str) -> None:
+        super().check_latest(frame, name)
+        if self._exposure.device_is_behind and name in reference.FIRST_HIT_AOVS:
+            self.binder.update()  # first hits show the middle of the exposure
+            self._exposure.device_is_behind = False
 
     @property
     def render_size(self) -> tuple[int, int]:

@@ -1,17 +1,17 @@
-"""The base of the renderers of pictures."""
+"""What the realtime renderer and the path tracer share: a size, a frame of stages, a latest result."""
 
 from __future__ import annotations
 
 import operator
-from abc import ABC, abstractmethod
+from abc import abstractmethod
 from collections.abc import Callable, Iterable
-from contextlib import closing
-from typing import Any, ClassVar, TypeVar
+from contextlib import ExitStack, closing
+from typing import Any, ClassVar, Self, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from solari_vk.base.errors import SolariError, quoted, unknown_attribute, warn
+from solari_vk.base.errors import Hints, SolariError, quoted, unknown_attribute, warn
 from solari_vk.bound.binder import SceneBinder
 from solari_vk.bound.features import LENSES
 from solari_vk.gpu.device.cuda_tensor import CudaTensor
@@ -22,7 +22,7 @@ from solari_vk.output.tone_mapping import auto_exposure
 from solari_vk.passes import brdf_table
 from solari_vk.renderers.first_hit_reader import FirstHitReader
 from solari_vk.renderers.results import RenderedFrame
-from solari_vk.renderers.scene_frame import SceneFrame, SceneUser, checked_device
+from solari_vk.renderers.scene_frame import SceneFrame, bind_scene, checked_device
 from solari_vk.scene.model import Camera, Instance, Scene
 
 METERING_FRAMES = 4  # realtime frames that choose the exposure of a camera with auto_exposure
@@ -33,12 +33,14 @@ Values = TypeVar("Values", NDArray[Any], NDArray[Any] | CudaTensor)
 
 def by_pixel(values: Values, sizes: Iterable[tuple[int, int]]) -> Values:
     """Values (N, ...) as (height, width, ...), if they are one for each pixel of one of the sizes, (width, height)."""
-    fitting = ((h, w) for w, h in sizes if values.shape[:1] == (w * h,))
-    return values.reshape(*next(fitting, values.shape[:1]), *values.shape[1:])
+    for width, height in sizes:
+        if values.shape[:1] == (width * height,):
+            return values.reshape(height, width, *values.shape[1:])
+    return values
 
 
-class RendererBase(SceneUser, ABC):
-    """Renders pictures of a size with a frame of stages.
+class RendererBase(Hints):
+    """Renders pictures of a size with a frame of stages. A context manager.
 
     Subclasses make `_frame` in their constructors; `_stages` gives the frame's stages for a size.
     size: (width, height) in pixels. Raises SolariError for a size that the device can't hold.
@@ -56,12 +58,13 @@ class RendererBase(SceneUser, ABC):
     _closed = False
     _has_lens = False  # whether the latest camera has one that raster can't draw, or an aperture
     _looked_for_light = False
-    _metered = 0  # pictures that chose an exposure
+    _metered_frames = 0  # that chose the exposure of a camera
 
     def __init__(self, device: Device, scene: Scene | SceneBinder, size: tuple[int, int]) -> None:
         self.device = checked_device(device, type(self).__name__)
         self._size = self._checked_size(size)
-        super().__init__(device, scene)
+        self._owned = ExitStack()
+        self.binder = bind_scene(device, scene, type(self).__name__, self._owned)
         try:
             self.binder.update()
             self._has_lens = any(camera.has_lens or camera.aperture for camera in self.binder.scene.cameras)
@@ -74,8 +77,9 @@ class RendererBase(SceneUser, ABC):
 
     def __setattr__(self, name: str, value: Any) -> None:
         """Refuse names that nothing reads, or a misspelled one would go unnoticed."""
-        made = "_frame" in self.__dict__ and not name.startswith("_")
-        if made and name not in self.__dict__ and not hasattr(type(self), name):
+        # Constructors set new names until they have made the frame.
+        is_made = "_frame" in self.__dict__ and not name.startswith("_")
+        if is_made and name not in self.__dict__ and not hasattr(type(self), name):
             raise unknown_attribute(f"{type(self).__name__} has no attribute", name, lambda: dir(self))
         super().__setattr__(name, value)
 
@@ -208,13 +212,35 @@ class RendererBase(SceneUser, ABC):
         behind = 0.0 if environment is None else backdrop(environment, frame.camera, self.size)
         return premultiplied(radiance, coverage, behind), coverage
 
-    def _finish(self, frame: RenderedFrame, metered: int = 1) -> RenderedFrame:
-        """Make a frame the latest and return it. If its camera has auto_exposure, give that the EV100 that suits the
-        frame; the first `metered` frames choose."""
+    def check_latest(self, frame: RenderedFrame, name: str) -> None:
+        """Raise SolariError if a frame's results are no longer on the device. name: the result that is asked for."""
+        if self._latest is frame:
+            return
+        what = "was closed" if self._closed else "has rendered a later frame"
+        raise SolariError(f"'{name}' must be read earlier: this frame's {type(self).__name__} {what}")
+
+    def close(self) -> None:
+        """Free everything on the device. Safe to call twice."""
+        self._latest = None
+        self._closed = True
+        self._owned.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    # ---- for subclasses ------------------------------------------------------------------------------
+
+    def _finish(self, frame: RenderedFrame, metering_frames: int = 1) -> RenderedFrame:
+        """Make a frame the latest and return it. A camera with auto_exposure gets the EV100 that suits the frame, until
+        as many frames as `metering_frames` have chosen it."""
         self._latest = frame
         if frame.camera.auto_exposure:
-            self._metered += 1
-            frame.camera.update(ev100=self.auto_exposure(), auto_exposure=self._metered % metered != 0)
+            self._metered_frames += 1
+            chooses_again = self._metered_frames % metering_frames != 0
+            frame.camera.update(ev100=self.auto_exposure(), auto_exposure=chooses_again)
         return frame
 
     @property
@@ -234,34 +260,26 @@ class RendererBase(SceneUser, ABC):
                     "studio_lights(scene), set scene.environment = Sky(), or add a light"
                 )
 
-    def check_latest(self, frame: RenderedFrame, name: str) -> None:
-        """Raise SolariError if a frame's results are no longer on the device. name: the result that is asked for."""
-        if self._latest is frame:
-            return
-        what = "was closed" if self._closed else "has rendered a later frame"
-        raise SolariError(f"'{name}' must be read earlier: this frame's {type(self).__name__} {what}")
-
-    def close(self) -> None:
-        """Free everything on the device. Safe to call twice."""
-        self._latest, self._closed = None, True
-        super().close()
-
     def _camera_or_default(self, camera: Camera | None) -> Camera:
         if camera is None:
             return self.binder.scene.camera_for(self.size[0] / self.size[1])
         if not isinstance(camera, Camera):
-            why = "; the number of samples is given by its name, samples=" if isinstance(camera, int) else ""
-            why = "; the scene was given when the renderer was made" if isinstance(camera, Scene) else why
+            why = ""
+            if isinstance(camera, int):
+                why = "; the number of samples is given by its name, samples="
+            elif isinstance(camera, Scene):
+                why = "; the scene was given when the renderer was made"
             raise SolariError(f"{type(self).__name__}: camera must be a Camera, not {quoted(camera)}{why}")
         return camera
 
-    def _note_camera(self, camera: Camera, rasters: bool = False) -> None:
-        """Take note of a camera before a picture is made with it: lenses are a feature of the shaders. Raises
-        SolariError for a lens if the picture is rastered."""
-        is_bent = camera.has_lens or camera.aperture > 0
-        if is_bent and rasters:
+    def _prepare_lens(self, camera: Camera, rasters: bool = False) -> None:
+        """Have the shaders trace a camera's lens, which is a feature of theirs, before a picture is made with it.
+
+        Raises SolariError for a lens if the picture is rastered."""
+        bends_rays = camera.has_lens or camera.aperture > 0
+        if bends_rays and rasters:
             raise SolariError(f"{camera.describe()}: raster draws no lenses: leave the setting gbuffer at auto")
-        self._has_lens = is_bent
+        self._has_lens = bends_rays
         if camera.has_lens and LENSES not in self.binder.features:
             self.binder.note(camera)
 

@@ -65,13 +65,15 @@ class RenderedFrame(Hints):
 
     __slots__ = ("_projection", "_renderer", "_submission", "camera", "exposed", "size")
 
-    def __init__(self, renderer: Source, camera: Camera, projection: Projection, submission: int) -> None:
+    def __init__(
+        self, renderer: Source, camera: Camera, projection: Projection, submission: int, *, exposed: bool = False
+    ) -> None:
         self._renderer = renderer
         self._projection = projection
         self._submission = submission
         self.camera = camera
         """The camera object that the frame was rendered with. It may have been changed since then."""
-        self.exposed = False
+        self.exposed = exposed
         """Whether the frame was exposed with a shutter."""
         self.size = renderer.size
         """Width and height in pixels."""

@@ -84,7 +84,7 @@ class SampleCounts:
             return 0
         return max(min(limit, self._estimate.next_count) - self.samples, 0)
 
-    def more(self) -> None:
+    def demand_more(self) -> None:
         """Have all pixels take more samples, whatever the error is."""
         if self._plan is not None and not self._plan.remaining:
             self.aim(None, self.denoises)

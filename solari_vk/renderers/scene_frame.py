@@ -1,10 +1,10 @@
-"""Base classes: a SceneUser works on a scene on a device, and a SceneFrame runs passes over such a scene."""
+"""Passes over a scene that a SceneBinder holds on the device."""
 
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
 from contextlib import ExitStack
-from typing import Any, Self
+from typing import Any
 
 from solari_vk.base.errors import Hints
 from solari_vk.bound.binder import SceneBinder
@@ -15,37 +15,22 @@ from solari_vk.gpu.frame.frame import Frame, Stage
 from solari_vk.scene.model import Scene
 
 
-class SceneUser(Hints):
-    """Works on a scene that a SceneBinder holds on the device. A context manager.
+def bind_scene(device: Device, scene: Scene | SceneBinder, who: str, owned: ExitStack) -> SceneBinder:
+    """The binder that holds a scene on the device: one made for a Scene, which `owned` frees, or the one that is given.
 
-    scene: a Scene, for which this object makes a binder of its own; or a SceneBinder, which the caller owns. Objects
-    that are given the same binder share the scene's memory on the device. The scene may be edited at any time.
-    Raises SolariError for a device or a scene of the wrong type.
+    Objects that are given the same SceneBinder share the scene's memory on the device, which the caller frees. who: the
+    class that asks, for messages. Raises SolariError for a device or a scene of the wrong type.
     """
-
-    def __init__(self, device: Device, scene: Scene | SceneBinder) -> None:
-        what = type(self).__name__
-        self.device = checked_device(device, what)
-        check_kind(scene, (Scene, SceneBinder), f"{what}: the scene", "give a solari_vk.Scene, or a SceneBinder")
-        self._owned = ExitStack()
-        if not isinstance(scene, Scene):
-            self.binder = scene
-        else:
-            self.binder = SceneBinder(device, scene)
-            self._owned.callback(self.binder.destroy)
-
-    def close(self) -> None:
-        """Free everything on the device. Safe to call twice."""
-        self._owned.close()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
+    checked_device(device, who)
+    check_kind(scene, (Scene, SceneBinder), f"{who}: the scene", "give a solari_vk.Scene, or a SceneBinder")
+    if not isinstance(scene, Scene):
+        return scene
+    binder = SceneBinder(device, scene)
+    owned.callback(binder.destroy)
+    return binder
 
 
-class SceneFrame(SceneUser, Frame):
+class SceneFrame(Frame, Hints):
     """A frame of custom passes over a scene.
 
     Shaders that include "scene/bindings.glsl" have the scene in descriptor set 0, and its features as constants.
@@ -63,19 +48,14 @@ class SceneFrame(SceneUser, Frame):
         external: Mapping[str, Any] | None = None,
         **options: Any,
     ) -> None:
-        SceneUser.__init__(self, device, scene)
+        self._owned = ExitStack()
+        self.binder = bind_scene(device, scene, type(self).__name__, self._owned)
         try:
             self.binder.update(self)
             self._bound_version = self.binder.version
             self._replaced = frozenset(external or ())
-            Frame.__init__(
-                self,
-                device,
-                stages,
-                external=self._scene_resources | dict(external or {}),
-                features=self.binder.features,
-                **options,
-            )
+            resources = self._scene_resources | dict(external or {})
+            super().__init__(device, stages, external=resources, features=self.binder.features, **options)
         except BaseException:
             self._owned.close()
             raise
@@ -118,8 +98,8 @@ class SceneFrame(SceneUser, Frame):
 
     def close(self) -> None:
         """Free everything. Safe to call twice."""
-        Frame.close(self)
-        SceneUser.close(self)
+        super().close()
+        self._owned.close()  # after the frame, whose commands use the scene's memory
 
 
 def checked_device(device: Device, what: str) -> Device:

@@ -92,9 +92,10 @@ def test_pictures_are_those_of_single_views(device, binder):
     with sv.Batch(device, binder, SIZE, 3, renderer="reference", seed=5, max_bounces=3, outputs=["depth"]) as batch:
         assert batch.keys() == ["radiance", "depth"]
         given = batch.render(poses_of(cameras), fov=70, samples=3, seeds=seeds)["radiance"]
-        batch._paths._batch, batch._paths._band_rows = 2, 8  # as its own choice after some frames
+        dispatch = batch._paths._dispatch
+        dispatch.samples, dispatch.rows = 2, 8  # as its own choice after some frames
         batch._paths._frame.rebuild(batch._paths._stages(batch._strip))
-        batch._paths._next_look = 10**9
+        dispatch.next_measurement = 10**9
         own = batch.render(cameras, samples=3)["radiance"]
         assert np.isfinite(batch["depth"]).any()
         assert own.shape == (3, 7, 13, 3)

@@ -57,7 +57,7 @@ def test_a_resize_that_fails_on_the_device_changes_nothing(device, scene, monkey
         sv.PathTracer(device, scene, size, max_bounces=1) as renderer,
         sv.PathTracer(device, scene, size, max_bounces=1) as fresh,
     ):
-        renderer._band_rows = 8
+        renderer._dispatch.rows = 8
         renderer._frame.rebuild(renderer._stages(renderer.size))
         renderer.render(scene.camera, samples=1)
         with monkeypatch.context() as patch:
@@ -73,7 +73,7 @@ def test_dispatches_grow_towards_their_time(device, scene, bands, monkeypatch):
     monkeypatch.setattr("solari_vk.passes.reference.MAX_FIRST_PIXELS", 16 * 8)
     with sv.PathTracer(device, scene, (16, 8 * bands), max_bounces=0) as renderer:
         renderer.render(scene.camera, samples=200)
-        assert renderer._batch > 8
+        assert renderer._dispatch.samples > 8
 
 
 def test_dispatch_sizes_leave_the_picture_alone(device, scene):
@@ -81,7 +81,8 @@ def test_dispatch_sizes_leave_the_picture_alone(device, scene):
     pictures = []
     for batch, rows in ((1, 21), (7, 21), (3, 8)):
         with sv.PathTracer(device, scene, (16, 21), seed=3) as renderer:
-            renderer._band_rows, renderer._batch, renderer._next_look = rows, batch, 10**9
+            renderer._dispatch.rows, renderer._dispatch.samples = rows, batch
+            renderer._dispatch.next_measurement = 10**9
             renderer._frame.rebuild(renderer._stages(renderer.size))
             pictures.append(renderer.render(scene.camera, samples=14)["radiance"])
     for other in pictures[1:]:
@@ -93,4 +94,4 @@ def test_short_dispatches_for_slow_pictures(device, scene, monkeypatch):
     monkeypatch.setattr("solari_vk.passes.reference.DISPATCH_MS", 1e-3)
     with sv.PathTracer(device, scene, (64, 64)) as renderer:
         renderer.render(scene.camera, samples=12)
-        assert renderer._band_rows == 8
+        assert renderer._dispatch.rows == 8

@@ -14,7 +14,7 @@ from collections.abc import Collection, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
 from functools import partial
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 
@@ -316,7 +316,7 @@ class Frame(InParts):
         self._order.destroy()
         self._pool.destroy()
 
-    def __enter__(self) -> Frame:
+    def __enter__(self) -> Self:
         return self
 
     def __exit__(self, *_: object) -> None:

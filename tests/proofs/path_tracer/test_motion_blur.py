@@ -165,7 +165,7 @@ def test_dispatches_of_an_exposure_are_measured(device):
         assert counts[0] == 1
         assert max(counts) > 1
     with sv.PathTracer(device, scene, SIZE, max_bounces=0) as tracer:
-        tracer._batch, tracer._next_look = 32, 10**9
+        tracer._dispatch.samples, tracer._dispatch.next_measurement = 32, 10**9
         np.testing.assert_array_equal(tracer.render(samples=128, shutter=shutter, pose=pose)["radiance"], measured)
 
 

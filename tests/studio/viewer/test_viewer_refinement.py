@@ -70,7 +70,7 @@ def test_bands_trace_what_whole_pictures_do(device):
     with sv.PathTracer(device, scene, (40, 30)) as tracer:
         expected = tracer.render(samples=3)["radiance"]
         tracer.resize((40, 30))
-        tracer._band_rows = 8
+        tracer._dispatch.rows = 8
         tracer._frame.rebuild(tracer._stages(tracer.size))
         seen = []
         while tracer.samples < 3:
