@@ -26,10 +26,10 @@ def device_times(control, target, frames=400, paths=lambda frame: 4.0, cuts=(), 
     random, times, history = np.random.default_rng(1), [], 0.0
     for frame in range(frames):
         if frame >= delay:
-            control.note_times(frame - delay, times[frame - delay])
+            control.record_times(frame - delay, times[frame - delay])
         cut = frame == 0 or frame in cuts
         share = control.choose(target, 2, cut)
-        control.note_submission(frame)
+        control.record_submission(frame)
         history = 0.0 if cut else history
         count = max(min(share * (2 if history < 8 else 1), 2.0), float(history < 1))
         length = 1.5 if history < 3 else 1.0
@@ -79,12 +79,12 @@ def test_one_slow_frame_costs_no_paths():
 def test_pixels_with_a_short_history_take_no_more_than_they_may(samples):
     """A device of plenty: first 4 paths or 2, then 2."""
     control = FrameBudget()
-    control.note_submission(0)
+    control.record_submission(0)
     for frame in range(1, 12):
-        control.note_times(frame - 1, {"paths/first_ray": 1.0})
+        control.record_times(frame - 1, {"paths/first_ray": 1.0})
         control.choose(1e3, samples, frame == 1, 4.0)
         count = control._next[0]
-        control.note_submission(frame)
+        control.record_submission(frame)
         if frame > 2:
             assert count == (max(samples, 2) if frame < 5 else 2.0)
 
