@@ -8,7 +8,7 @@ import signal
 
 import pytest
 from hypothesis import HealthCheck, Phase, settings
-from support.files import GltfWriter
+from support.files import GltfWriter, find_asset
 
 # Every Device of the suite validates, also those that tests make through the command line in this process.
 os.environ.setdefault("SOLARI_VK_VALIDATION", "1")
@@ -126,6 +126,18 @@ def lent_device(device_of_file, monkeypatch):
             lambda job, notes=None: lend(job.device, validation=job.validation, rays=job.rays, on_compile=notes),
         )
     return device
+
+
+@pytest.fixture
+def asset():
+    """asset(name) -> the path of an asset; without it the test is skipped."""
+    return find_asset
+
+
+@pytest.fixture
+def writer(tmp_path):
+    """A glTF file without contents, which `load` saves as file.glb."""
+    return GltfWriter(tmp_path / "file.glb")
 
 
 @pytest.fixture

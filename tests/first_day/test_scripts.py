@@ -10,7 +10,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from support.files import asset
 
 import solari_vk as sv
 from solari_vk.base.errors import other_words
@@ -28,7 +27,7 @@ SMALLER = {
 @pytest.mark.slow
 @pytest.mark.filterwarnings("error:the picture is black", "error:.*has no light")
 @pytest.mark.parametrize("path", SCRIPTS, ids=lambda path: path.stem)
-def test_a_script_runs(lent_device, tmp_path, monkeypatch, path):
+def test_a_script_runs(lent_device, tmp_path, monkeypatch, path, asset):
     program = path.read_text(encoding="utf-8")
     for name in re.findall(r"\b(trimesh|torch|imageio|matplotlib|cv2)\b", program):
         pytest.importorskip(name)

@@ -3,6 +3,11 @@
 import math
 
 import numpy as np
+from oracles.cameras import over_pixels
+
+import solari_vk as sv
+from solari_vk.scene import shapes
+from solari_vk.scene.builtin import rgb
 
 
 def closed_box_radiance(emission, albedo, bounces):
@@ -67,3 +72,40 @@ def environment_irradiance(environment, normal, rows=512):
     sine = np.sqrt(share)
     local = np.stack([sine * np.cos(turn), sine * np.sin(turn), np.sqrt(1 - share)], axis=-1)
     return np.pi * environment_radiance(environment, local @ np.stack([x, np.cross(z, x), z])).mean(axis=0)
+
+
+# ---- a lamp over a floor, whose light has a closed form ----
+
+
+# A tilted lamp that faces the floor. Cameras don't see the back sides of surfaces, so it hides nothing of the floor.
+LAMP_CORNERS = np.array([(-0.6, 1.2, -0.4), (0.7, 1.2, -0.4), (0.7, 1.5, 0.5), (-0.6, 1.5, 0.5)])
+LAMP_RADIANCE = np.array((5.0, 3.0, 1.0))
+ALBEDO = np.array((0.8, 0.5, 0.2))
+
+
+def on_lamp(u, v):
+    """Points (N, 3) of the lamp, a parallelogram, at coordinates (N,) from 0 to 1."""
+    a, b, _, d = LAMP_CORNERS
+    return a + u[:, None] * (b - a) + v[:, None] * (d - a)
+
+
+def floor_scene(material, *extra):
+    """A floor 8 m wide, seen at a slant from a height of 3 m; it fills the picture."""
+    floor = sv.Instance(mesh=shapes.quad((0, 0, 0), (0, 0, 4), (4, 0, 0)), material=material, name="floor")
+    camera = sv.Camera.look_at((0.4, 3, 1.5), (0, 0, 0), vertical_fov=math.radians(50))
+    return sv.Scene(floor, camera, *extra)
+
+
+def lamp_above(corners=LAMP_CORNERS, brightness=1.0):
+    """A lamp with these corners that emits LAMP_RADIANCE times `brightness`."""
+    material = sv.Material(base_color=rgb(0), reflectance=rgb(0), emissive=rgb(LAMP_RADIANCE * brightness))
+    return sv.Instance(mesh=shapes.polygons(corners), material=material, name="lamp")
+
+
+def lamp_on_lambert(scene, size, corners=LAMP_CORNERS):
+    """The picture (size, size, 3) of a Lambert floor under the lamp with these corners, by its closed form."""
+
+    def irradiance(points):
+        return polygon_irradiance(points, [(0.0, 1.0, 0.0)], corners, 1.0)
+
+    return over_pixels(scene.camera, size, irradiance) * LAMP_RADIANCE * ALBEDO / math.pi

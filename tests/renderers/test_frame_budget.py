@@ -5,18 +5,17 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from support.frames import Effort, make_renderer, observe_runs, read_radiance, render_frames
-from support.seeded_bugs import Bug, bug_tests
-from support.statistics import measure_mean, measure_tiles_t, require
+from support.seeded_bugs import Bug, Rule, bug_tests, require
+from support.statistics import measure_mean, measure_tiles_t
 
 import solari_vk as sv
-from solari_vk.lab.conformance.rules import SUITE, Rule
 from solari_vk.renderers.frame_budget import MAX_SHARE, MIN_SHARE, FrameBudget
 from solari_vk.scene.builtin import builtin
 
 SIZE = (32, 32)
 PLAIN = {"denoise": True, "world_cache": False, "paths_bounces": 2, "paths_short_history_samples": 2}
-MEAN = Rule("frames with half of the paths have the mean of those with all", SUITE, "Frame time")
-TILES = Rule("so has each of 4 x 4 tiles", SUITE, "Frame time")
+MEAN = Rule("frames with half of the paths have the mean of those with all")
+TILES = Rule("so has each of 4 x 4 tiles")
 
 
 def device_times(control, target, frames=400, paths=lambda frame: 4.0, cuts=(), hitches=(), noise=0.05, delay=2):

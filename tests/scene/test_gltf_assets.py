@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from support.files import ASSETS, asset
+from support.files import ASSETS
 
 import solari_vk as sv
 from solari_vk.scene.files.gltf import load_gltf
@@ -25,7 +25,7 @@ def test_assets_load(path):
     assert not scene.warnings
 
 
-def test_flight_helmet():
+def test_flight_helmet(asset):
     scene = load_gltf(asset("FlightHelmet/FlightHelmet.gltf"))
     assert len(scene.instances) == 6
     materials = {instance.material for instance in scene}
@@ -38,7 +38,7 @@ def test_flight_helmet():
         np.testing.assert_allclose(np.linalg.norm(mesh.normals, axis=1), 1, atol=1e-5)
 
 
-def test_the_fox_stands_on_its_paws():
+def test_the_fox_stands_on_its_paws(asset):
     low, high = load_gltf(asset("Fox/Fox.glb")).bounds
     assert abs(low[1]) < 1
     assert high[1] - low[1] == pytest.approx(79, abs=2)
@@ -55,7 +55,7 @@ def visible_count(device, scene, camera):
 
 
 @pytest.mark.parametrize("name", ["FlightHelmet/FlightHelmet.gltf", "CornellBox/CornellBox.glb"])
-def test_assets_are_visible(device, name):
+def test_assets_are_visible(device, name, asset):
     scene = load_gltf(asset(name))
     direction = (0, 0, -1) if "Cornell" in name else (-0.45, -0.3, -1)
     camera = sv.Camera.framing(scene.bounds, direction, aspect=1.5)
@@ -64,7 +64,7 @@ def test_assets_are_visible(device, name):
     assert visible_count(device, scene, camera) >= 5
 
 
-def test_a_room_of_the_dungeon_kit_is_visible(device):
+def test_a_room_of_the_dungeon_kit_is_visible(device, asset):
     kit = asset("kaykit_dungeon")
     file = Path(__file__).parents[2] / "tools" / "dungeon_room.py"
     module = importlib.util.module_from_spec(spec := importlib.util.spec_from_file_location("dungeon_room", file))

@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from support.files import ASSETS, asset
+from support.files import ASSETS
 from support.scenes import bent_joints, check_same, random_transform, tube
 
 import solari_vk as sv
@@ -174,7 +174,7 @@ def test_builtin_scenes_are_read_back_equal(tmp_path, name):
 
 
 @pytest.mark.parametrize("name", FILES)
-def test_files_are_read_back_equal(tmp_path, name):
+def test_files_are_read_back_equal(tmp_path, name, asset):
     path = asset(name)
     check_same(sv.load(path), saved(sv.load(path), tmp_path / "scene.glb"))
 

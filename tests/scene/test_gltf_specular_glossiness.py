@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from support.files import asset
 
 from solari_vk.scene.files.gltf import load_gltf
 from solari_vk.scene.files.gltf.specular_glossiness import EXTENSION
@@ -124,7 +123,7 @@ def test_materials_with_the_same_textures_share_those_that_are_made(writer):
     assert first.base_color_texture is second.base_color_texture is third.base_color_texture
 
 
-def test_a_real_file():
+def test_a_real_file(asset):
     (instance,) = load_gltf(asset("SpecularGlossiness/Material_SpecularGlossiness_12.gltf"), strict=True)
     material = instance.material
     f0, diffuse, roughness, _ = shown(material)

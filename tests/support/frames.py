@@ -5,6 +5,7 @@ from __future__ import annotations
 import ctypes
 import dataclasses
 import itertools
+import math
 import os
 import resource
 from collections.abc import Iterator
@@ -15,10 +16,11 @@ from unittest import mock
 
 import numpy as np
 import pytest
-from support.scenes import WALL_SIZE, metal_gallery
-from support.seeded_bugs import Bug, seeded
+from support.scenes import WALL_SIZE
+from support.seeded_bugs import Bug, Measurement, Rule, seeded
 from support.statistics import measure_mean, measure_picture_tiles, measure_tiles_t, tile_means_4x4
 
+import solari_vk as sv
 from solari_vk.base.errors import SolariError
 from solari_vk.bound.binder import SceneBinder
 from solari_vk.bound.constants import MATERIAL_SOLID, NO_INDEX
@@ -29,10 +31,11 @@ from solari_vk.gpu.frame.frame import Draw, Pass, Step
 from solari_vk.gpu.shaders.compiler import compile_shader, roots
 from solari_vk.gpu.shaders.shader_cache import Sources
 from solari_vk.gpu.shaders.spirv import reflect
-from solari_vk.lab.conformance.rules import SUITE, Measurement, Rule
 from solari_vk.passes import reference
 from solari_vk.renderers.path_tracer import PathTracer
 from solari_vk.renderers.renderer import LIGHT, Renderer
+from solari_vk.scene import shapes
+from solari_vk.scene.builtin import lamp, place, rgb
 from solari_vk.scene.material import TEXTURES
 from solari_vk.settings import RAW, Settings
 
@@ -188,8 +191,8 @@ def observe_runs(renderer, camera, effort, read):
     return replicate(renderer, effort.runs, observe)
 
 
-WHOLE = Rule("a picture is as bright as the path tracer's", SUITE, "Renderer")
-TILES = Rule("each of 4 x 4 tiles of a picture is close to the path tracer's", SUITE, "Renderer")
+WHOLE = Rule("a picture is as bright as the path tracer's")
+TILES = Rule("each of 4 x 4 tiles of a picture is close to the path tracer's")
 OTHER_OUTPUTS = ("depth", "motion_vectors", "gbuffer", "guides_normal_roughness", "display")
 
 
@@ -323,13 +326,12 @@ def direct_renderer(device, scene, size, **settings):
     return make_renderer(device, scene, size, passes=DIRECT, **(QUICK | settings))
 
 
-_PATHS = (SUITE, "Paths")
-ONE = Rule("with one light sample a vertex and no cache, paths have the path tracer's mean", *_PATHS)
-ONE_TILES = Rule("with one light sample a vertex and no cache, no tile differs from the path tracer's", *_PATHS)
-SEVERAL = Rule("resampling among several light samples leaves the mean as it is", *_PATHS)
-SEVERAL_TILES = Rule("resampling among several light samples leaves each tile as it is", *_PATHS)
-CACHED = Rule("without regularization, paths that end in the world cache are as bright as the path tracer's", *_PATHS)
-CACHED_TILES = Rule("each of 4 x 4 tiles of paths that end in the world cache is close to the path tracer's", *_PATHS)
+ONE = Rule("with one light sample a vertex and no cache, paths have the path tracer's mean")
+ONE_TILES = Rule("with one light sample a vertex and no cache, no tile differs from the path tracer's")
+SEVERAL = Rule("resampling among several light samples leaves the mean as it is")
+SEVERAL_TILES = Rule("resampling among several light samples leaves each tile as it is")
+CACHED = Rule("without regularization, paths that end in the world cache are as bright as the path tracer's")
+CACHED_TILES = Rule("each of 4 x 4 tiles of paths that end in the world cache is close to the path tracer's")
 
 SAME_SURFACES = {**PLAIN_PATHS, "gbuffer": "traced"}  # those of the path tracer; raster finds others at edges
 RESAMPLED = {**SAME_SURFACES, "paths_candidates": 8, "paths_later_candidates": 4}
@@ -339,6 +341,39 @@ PATHS_RUNS = {
     "several": (SEVERAL, SEVERAL_TILES, RESAMPLED),
     "cached": (CACHED, CACHED_TILES, {**PATHS_DEFAULT, "paths_regularization": 0.0}),
 }
+
+
+def metal_gallery():
+    """Four metal panels of growing roughness fill the picture; they show a room with a lamp, a sun and a glossy ball.
+
+    From the top left: a mirror, and roughness 0.02, 0.16 and 0.5. Metals: all that leaves them is specular.
+    """
+    scene = sv.Scene(name="metal_gallery")
+    for at, perceptual_roughness in enumerate(np.array((0, 36, 102, 181)) / 255):  # 8 bits hold them
+        x, y = (-1.0, 1.0)[at % 2], (3.0, 1.0)[at // 2]
+        metal = sv.Material(base_color=rgb((0.95, 0.7, 0.4)), metallic=1.0, perceptual_roughness=perceptual_roughness)
+        panel = shapes.quad((x, y, -2.0), (1.0, 0, 0), (0, 1.0, 0))
+        scene.add(sv.Instance(mesh=panel, material=metal, name=f"panel {at}"))
+    corners = {
+        "floor": [(-3, 0, -2), (-3, 0, 3), (3, 0, 3), (3, 0, -2)],
+        "left": [(-3, 0, 3), (-3, 0, -2), (-3, 4, -2), (-3, 4, 3)],
+        "back": [(3, 0, 3), (-3, 0, 3), (-3, 4, 3), (3, 4, 3)],
+    }
+    colors = (rgb(0.6), rgb((0.7, 0.2, 0.1)), rgb((0.2, 0.3, 0.6)))
+    for (name, polygon), color in zip(corners.items(), colors, strict=True):
+        wall = sv.Material(base_color=color, perceptual_roughness=0.5, name=name)
+        scene.add(sv.Instance(mesh=shapes.polygons(polygon), material=wall, name=name))
+    gloss = sv.Material(base_color=rgb(0.8), perceptual_roughness=0.3, name="gloss")
+    scene.add(shapes.sphere(0.6, 24), gloss, place(at=(-0.8, 0.6, 1.2)), name="ball")
+    mirror = sv.Material(base_color=rgb(0.9), metallic=1.0, perceptual_roughness=0.0, name="mirror")
+    scene.add(shapes.sphere(0.4, 24), mirror, place(at=(0.9, 0.4, 0.9)), name="mirror")
+    # In strips, so that paths may take as many light samples as they are set to.
+    strips = [[(x, 3.9, 0.5), (x + 0.5, 3.9, 0.5), (x + 0.5, 3.9, 2.5), (x, 3.9, 2.5)] for x in (-0.7, -0.2, 0.3, 0.8)]
+    light = shapes.polygons(*strips, name="lamp")
+    scene.add(sv.Instance(mesh=light, material=lamp((4.0, 3.5, 3.0)), name="lamp"))
+    scene.add(sv.DirectionalLight(direction=rgb((-0.6, -0.7, -0.15)), illuminance=3.0, angular_diameter=0.6))
+    scene.add(sv.Camera.look_at((0, 2, 0.2), (0, 2, -2), vertical_fov=2 * math.atan(1.95 / 2.2)))
+    return scene
 
 
 def trace_centers(device, scene, samples, **settings):

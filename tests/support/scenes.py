@@ -4,51 +4,15 @@ import dataclasses
 import math
 
 import numpy as np
-from oracles.cameras import over_pixels
-from oracles.light import polygon_irradiance
 
 import solari_vk as sv
 from solari_vk.scene import shapes
-from solari_vk.scene.builtin import lamp, matte, place, rgb
+from solari_vk.scene.builtin import matte
 from solari_vk.scene.material import TEXTURES, Texture
 from solari_vk.scene.matrices import rotation, transform_points
 from solari_vk.scene.meshes.deformation import Deformation
 
 # ---- a lamp over a floor, whose light has closed forms ----
-
-
-# A tilted lamp that faces the floor. Cameras don't see the back sides of surfaces, so it hides nothing of the floor.
-LAMP_CORNERS = np.array([(-0.6, 1.2, -0.4), (0.7, 1.2, -0.4), (0.7, 1.5, 0.5), (-0.6, 1.5, 0.5)])
-LAMP_RADIANCE = np.array((5.0, 3.0, 1.0))
-ALBEDO = np.array((0.8, 0.5, 0.2))
-
-
-def on_lamp(u, v):
-    """Points (N, 3) of the lamp, a parallelogram, at coordinates (N,) from 0 to 1."""
-    a, b, _, d = LAMP_CORNERS
-    return a + u[:, None] * (b - a) + v[:, None] * (d - a)
-
-
-def floor_scene(material, *extra):
-    """A floor 8 m wide, seen at a slant from a height of 3 m; it fills the picture."""
-    floor = sv.Instance(mesh=shapes.quad((0, 0, 0), (0, 0, 4), (4, 0, 0)), material=material, name="floor")
-    camera = sv.Camera.look_at((0.4, 3, 1.5), (0, 0, 0), vertical_fov=math.radians(50))
-    return sv.Scene(floor, camera, *extra)
-
-
-def lamp_above(corners=LAMP_CORNERS, brightness=1.0):
-    """A lamp with these corners that emits LAMP_RADIANCE times `brightness`."""
-    material = sv.Material(base_color=rgb(0), reflectance=rgb(0), emissive=rgb(LAMP_RADIANCE * brightness))
-    return sv.Instance(mesh=shapes.polygons(corners), material=material, name="lamp")
-
-
-def lamp_on_lambert(scene, size, corners=LAMP_CORNERS):
-    """The picture (size, size, 3) of a Lambert floor under the lamp with these corners, by its closed form."""
-
-    def irradiance(points):
-        return polygon_irradiance(points, [(0.0, 1.0, 0.0)], corners, 1.0)
-
-    return over_pixels(scene.camera, size, irradiance) * LAMP_RADIANCE * ALBEDO / math.pi
 
 
 # ---- a wall, for frames of known light ----
@@ -82,39 +46,6 @@ def camera_moved_by(pixels):
 
 
 # ---- metals that show a room ----
-
-
-def metal_gallery():
-    """Four metal panels of growing roughness fill the picture; they show a room with a lamp, a sun and a glossy ball.
-
-    From the top left: a mirror, and roughness 0.02, 0.16 and 0.5. Metals: all that leaves them is specular.
-    """
-    scene = sv.Scene(name="metal_gallery")
-    for at, perceptual_roughness in enumerate(np.array((0, 36, 102, 181)) / 255):  # 8 bits hold them
-        x, y = (-1.0, 1.0)[at % 2], (3.0, 1.0)[at // 2]
-        metal = sv.Material(base_color=rgb((0.95, 0.7, 0.4)), metallic=1.0, perceptual_roughness=perceptual_roughness)
-        panel = shapes.quad((x, y, -2.0), (1.0, 0, 0), (0, 1.0, 0))
-        scene.add(sv.Instance(mesh=panel, material=metal, name=f"panel {at}"))
-    corners = {
-        "floor": [(-3, 0, -2), (-3, 0, 3), (3, 0, 3), (3, 0, -2)],
-        "left": [(-3, 0, 3), (-3, 0, -2), (-3, 4, -2), (-3, 4, 3)],
-        "back": [(3, 0, 3), (-3, 0, 3), (-3, 4, 3), (3, 4, 3)],
-    }
-    colors = (rgb(0.6), rgb((0.7, 0.2, 0.1)), rgb((0.2, 0.3, 0.6)))
-    for (name, polygon), color in zip(corners.items(), colors, strict=True):
-        wall = sv.Material(base_color=color, perceptual_roughness=0.5, name=name)
-        scene.add(sv.Instance(mesh=shapes.polygons(polygon), material=wall, name=name))
-    gloss = sv.Material(base_color=rgb(0.8), perceptual_roughness=0.3, name="gloss")
-    scene.add(shapes.sphere(0.6, 24), gloss, place(at=(-0.8, 0.6, 1.2)), name="ball")
-    mirror = sv.Material(base_color=rgb(0.9), metallic=1.0, perceptual_roughness=0.0, name="mirror")
-    scene.add(shapes.sphere(0.4, 24), mirror, place(at=(0.9, 0.4, 0.9)), name="mirror")
-    # In strips, so that paths may take as many light samples as they are set to.
-    strips = [[(x, 3.9, 0.5), (x + 0.5, 3.9, 0.5), (x + 0.5, 3.9, 2.5), (x, 3.9, 2.5)] for x in (-0.7, -0.2, 0.3, 0.8)]
-    light = shapes.polygons(*strips, name="lamp")
-    scene.add(sv.Instance(mesh=light, material=lamp((4.0, 3.5, 3.0)), name="lamp"))
-    scene.add(sv.DirectionalLight(direction=rgb((-0.6, -0.7, -0.15)), illuminance=3.0, angular_diameter=0.6))
-    scene.add(sv.Camera.look_at((0, 2, 0.2), (0, 2, -2), vertical_fov=2 * math.atan(1.95 / 2.2)))
-    return scene
 
 
 # ---- skinned and morphed meshes ----

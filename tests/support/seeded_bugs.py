@@ -1,4 +1,4 @@
-"""Seeded bugs: shaders in which one function or one constant is wrong, which the proof of their subject must notice.
+"""What a proof measures must hold, and must fail with a seeded bug: shaders in which one function or constant is wrong.
 
 A bug is anchored to a name, not to a line of text, so that only a rename of that function or constant touches it.
 """
@@ -11,15 +11,52 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
-from support.statistics import require
 
 from solari_vk.gpu.shaders import compiler
-from solari_vk.lab.conformance.rules import Rule
 from solari_vk.lab.conformance.shader_runner import ShaderRunner
 
 GLSL = Path(__file__).resolve().parents[2] / "glsl"
 KNOWN = []
 """Every bug of the modules imported so far; tests/test_seeded_bugs.py checks that each fits its shader."""
+
+
+@dataclass(frozen=True)
+class Rule:
+    """A sentence that must hold, and its source: a document and a section of it."""
+
+    name: str
+    document: str = ""
+    section: str = ""
+
+
+@dataclass(frozen=True)
+class Measurement:
+    """A measured rule, which holds when `measured` is at most `bar`. `note` says where it is largest."""
+
+    rule: Rule
+    measured: float
+    bar: float = 0.0
+    unit: str = "wrong"
+    note: str = ""
+
+    @property
+    def holds(self):
+        """Whether `measured` is at most `bar`; false for NaN."""
+        return self.measured <= self.bar
+
+    def __str__(self):
+        note = f": {self.note}" if self.note else ""
+        return f"{self.rule.name}: {self.measured:.4g} {self.unit}, at most {self.bar:.4g}{note}"
+
+
+def require(measurements):
+    """Require that all measurements hold, and return them."""
+    found = list(measurements)
+    for measured in found:
+        print(measured)
+    assert found, "nothing was measured"
+    assert not [str(measured) for measured in found if not measured.holds]
+    return found
 
 
 @dataclass(frozen=True)

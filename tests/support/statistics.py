@@ -9,20 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import stats
+from support.seeded_bugs import Measurement, Rule
 
-from solari_vk.lab.conformance.rules import Measurement, Rule
 from solari_vk.lab.measure.statistics import interval
-
-
-def require(measurements):
-    """Require that all measurements hold, and return them."""
-    found = list(measurements)
-    for measured in found:
-        print(measured)
-    assert found, "nothing was measured"
-    assert not [str(measured) for measured in found if not measured.holds]
-    return found
-
 
 Floats = NDArray[np.float64]
 ALPHA = 0.005  # family-wise level of the tiles of one picture

@@ -8,8 +8,8 @@ import itertools
 import numpy as np
 import pytest
 from support.frames import ALL_LOBES, Effort, Profile, direction_at, material_records, measure_means, run_brdf
-from support.seeded_bugs import Bug, bug_tests, with_shaders
-from support.statistics import chi_squared_p, require, sidak
+from support.seeded_bugs import Bug, bug_tests, require, with_shaders
+from support.statistics import chi_squared_p, sidak
 
 import solari_vk as sv
 from solari_vk.scene import shapes

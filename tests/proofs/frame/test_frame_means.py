@@ -20,8 +20,8 @@ from support.frames import (
     path_traced_reflected,
     render_frames,
 )
-from support.seeded_bugs import Bug, bug_tests
-from support.statistics import measure_mean, measure_picture_tiles, require, tile_means_4x4
+from support.seeded_bugs import Bug, bug_tests, require
+from support.statistics import measure_mean, measure_picture_tiles, tile_means_4x4
 
 import solari_vk as sv
 from solari_vk.scene import shapes

@@ -13,7 +13,6 @@ import pytest
 from gbuffer_worlds import material_zoo
 from oracles.cameras import camera_rays
 from oracles.encodings import decode_gbuffer
-from support.files import asset
 from support.frames import GBUFFER, PartialRenderer, get_jitter, make_renderer
 from support.seeded_bugs import Bug, bug_tests
 from test_raster_and_rays import SIZE, check_raster
@@ -40,7 +39,7 @@ def take(device, scene, camera=None, size=SIZE, **settings):
 # ---- surfaces ---------------------------------------------------------------------------------------
 
 
-def test_raster_equals_rays_on_a_scanned_helmet(device):
+def test_raster_equals_rays_on_a_scanned_helmet(device, asset):
     scene = sv.load_gltf(asset("FlightHelmet/FlightHelmet.gltf"))
     scene.add(sv.Camera.look_at((0.3, 0.4, 0.9), (0, 0.33, 0), near=0.01))
     check_raster(device, scene)

@@ -8,8 +8,7 @@ import functools
 import numpy as np
 import pytest
 from support.frames import Effort, Profile, measure_means, path_traced_runs
-from support.seeded_bugs import Bug, bug_tests
-from support.statistics import require
+from support.seeded_bugs import Bug, bug_tests, require
 
 import solari_vk as sv
 from solari_vk.scene import shapes

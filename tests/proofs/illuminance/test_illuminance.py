@@ -8,12 +8,10 @@ import math
 import numpy as np
 import pytest
 from oracles.light import polygon_irradiance
-from support.seeded_bugs import Bug, bug_tests
-from support.statistics import require
+from support.seeded_bugs import Bug, Measurement, Rule, bug_tests, require
 
 import solari_vk as sv
 from solari_vk.base.errors import SolariError
-from solari_vk.lab.conformance.rules import SUITE, Measurement, Rule
 from solari_vk.scene import shapes
 from solari_vk.scene.builtin import closed_box
 
@@ -202,7 +200,7 @@ def measure_case(device, name):
     yield Measurement(Rule(f"standard error, {name}", *SOURCE), noise, 1e-2, "relative error")
 
 
-SOURCE = (SUITE, "derived after CIE 171:2006")
+SOURCE = ("derived after CIE 171:2006",)
 
 
 @pytest.mark.parametrize(

@@ -11,19 +11,17 @@ import numpy as np
 import pytest
 from oracles.cameras import camera_rays
 from oracles.encodings import decode_octahedral, decode_rgb9e5, pcg_hash, pcg_step
-from oracles.light import sun_radiance
+from oracles.light import floor_scene, sun_radiance
 from scipy import stats
 from support.frames import LIGHT_OFF, direct_renderer, make_renderer, material_records, run_brdf
-from support.scenes import floor_scene
-from support.seeded_bugs import Bug, bug_tests, seeded
-from support.statistics import chi_squared_p, require, standard_deviations
+from support.seeded_bugs import Bug, Measurement, Rule, bug_tests, require, seeded
+from support.statistics import chi_squared_p, standard_deviations
 
 import solari_vk as sv
 from solari_vk.bound.constants import NO_INDEX
 from solari_vk.bound.lights.choice_weights import EQUAL_SHARE
 from solari_vk.bound.lights.light_kinds import KIND_INDEX
 from solari_vk.bound.spatial_order import spatial_order
-from solari_vk.lab.conformance.rules import SUITE, Measurement, Rule
 from solari_vk.lab.conformance.shader_runner import ShaderRunner
 from solari_vk.scene import shapes
 from solari_vk.scene.builtin import lamp, matte, place, rgb
@@ -34,11 +32,11 @@ _0_17, _0_18 = ("Solari in Bevy 0.17", "Presampling Lights"), ("Solari in Bevy 0
 ENCODED = Rule("packed radiance from 1e-4 to 1e9 times white is exact within half a step of log2 rgb9e5", *_0_18)
 SUN = Rule("a sun of 100,000 lux isn't clipped at EV100 9.7", *_0_18)
 BLACK = Rule("a color channel of 0 stays 0", *_0_18)
-CHOICE = Rule("lights are chosen by power, one half equally often, and their triangles by area", SUITE, "Light tiles")
+CHOICE = Rule("lights are chosen by power, one half equally often, and their triangles by area")
 UNIQUE = Rule("the tiles of four frames hold no sample twice", *_0_17)
 SCROLL = Rule("samples are uncorrelated within tiles, between tiles and between frames", *_0_17)
 CONTRIBUTION = Rule("a packed sample lights a floor as the light itself does", *_0_17)
-NOISE = Rule("choosing by tiles is no noisier than resolving each candidate", SUITE, "Light tiles")
+NOISE = Rule("choosing by tiles is no noisier than resolving each candidate")
 _MAX_Z = NormalDist().inv_cdf(0.9999)
 COLOR, SATURATED = np.array((1.0, 0.3, 0.0)), np.array((1.0, 0.5, 5e-4))
 # Radiance of the lamps (16, 3) in units of white.

@@ -11,14 +11,21 @@ import numpy as np
 import pytest
 from oracles.cameras import over_pixels
 from oracles.encodings import decode_srgb
-from oracles.light import sun_irradiance, sun_radiance
+from oracles.light import (
+    ALBEDO,
+    LAMP_CORNERS,
+    floor_scene,
+    lamp_above,
+    lamp_on_lambert,
+    on_lamp,
+    sun_irradiance,
+    sun_radiance,
+)
 from support.frames import path_traced_runs
-from support.scenes import ALBEDO, LAMP_CORNERS, floor_scene, lamp_above, lamp_on_lambert, on_lamp
-from support.seeded_bugs import Bug, bug_tests
-from support.statistics import compare_picture, require
+from support.seeded_bugs import Bug, Measurement, Rule, bug_tests, require
+from support.statistics import compare_picture
 
 import solari_vk as sv
-from solari_vk.lab.conformance.rules import Measurement, Rule
 from solari_vk.scene.builtin import rgb
 
 _CLOSED = ("closed form", "Lambert 1760, KHR_lights_punctual, and disks of constant radiance")

@@ -10,7 +10,7 @@ from unittest import mock
 import numpy as np
 import pytest
 from oracles.cameras import camera_rays
-from oracles.light import environment_irradiance, environment_radiance
+from oracles.light import ALBEDO, environment_irradiance, environment_radiance, floor_scene
 from support.frames import (
     GBUFFER,
     LIGHT_OFF,
@@ -21,25 +21,23 @@ from support.frames import (
     path_traced,
     path_traced_runs,
 )
-from support.scenes import ALBEDO, floor_scene
-from support.seeded_bugs import Bug, bug_tests
-from support.statistics import chi_squared_p, compare_picture, measure_mean, require, standard_deviations
+from support.seeded_bugs import Bug, Measurement, Rule, bug_tests, require
+from support.statistics import chi_squared_p, compare_picture, measure_mean, standard_deviations
 
 import solari_vk as sv
 from solari_vk.bound.lights import environment_buffers
-from solari_vk.lab.conformance.rules import SUITE, Measurement, Rule
 from solari_vk.scene import shapes
 from solari_vk.scene.builtin import matte, place, rgb
 from solari_vk.scene.lights.environment import directions, luminances, solid_angles
 
 _CLOSED = ("closed form", "irradiance by a sum over directions")
-BACKGROUND = Rule("the background is the map in the direction of each pixel's ray", SUITE, "Environments")
-MIRROR = Rule("a flat mirror shows the map in the reflected direction", SUITE, "Environments")
-TEXELS = Rule("light samples take texels by their light", SUITE, "Environments")
-DIRECTIONS = Rule("a light sample's direction lies in its texel, whose probability it has", SUITE, "Environments")
-EVEN = Rule("the points of light samples are spread evenly over a texel", SUITE, "Environments")
-NOISE = Rule("a sun of 100,000 in a map: noise of one light sample over its mean", SUITE, "Environments")
-MEANS = Rule("a frame under a map and a sun has the path tracer's mean", SUITE, "Environments")
+BACKGROUND = Rule("the background is the map in the direction of each pixel's ray")
+MIRROR = Rule("a flat mirror shows the map in the reflected direction")
+TEXELS = Rule("light samples take texels by their light")
+DIRECTIONS = Rule("a light sample's direction lies in its texel, whose probability it has")
+EVEN = Rule("the points of light samples are spread evenly over a texel")
+NOISE = Rule("a sun of 100,000 in a map: noise of one light sample over its mean")
+MEANS = Rule("a frame under a map and a sun has the path tracer's mean")
 FAST, FULL = Effort(6, 16, 32, 1024), Effort(16, 32, 64, 8192)
 _MAX_Z = NormalDist().inv_cdf(0.9999)
 # Half a step of rgb9e5 at its coarsest, relative to the largest of three colors.
@@ -116,7 +114,7 @@ def measure_texels(device):
     z = standard_deviations(chi_squared_p(np.bincount(part, minlength=expected.size), _chances(fine) * part.size))
     yield Measurement(TEXELS, z, _MAX_Z, "standard deviations")
     far_off = np.abs(_chances(fine) - expected / expected.sum()).sum()
-    yield Measurement(Rule("texels' probabilities follow their light", SUITE, "Environments"), float(far_off), 0.05)
+    yield Measurement(Rule("texels' probabilities follow their light"), float(far_off), 0.05)
 
     x, y, z_axis = (packed["world_position"].astype(np.float64) @ environment.rotation.astype(np.float64)).T
     column = width * (np.arctan2(z_axis, x) / (2 * np.pi) + 0.5)

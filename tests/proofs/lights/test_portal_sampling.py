@@ -8,12 +8,11 @@ import numpy as np
 from oracles.light import environment_radiance
 from scipy import stats
 from support.frames import bound_scene
-from support.seeded_bugs import Bug, bug_tests, with_shaders
-from support.statistics import require, standard_deviations
+from support.seeded_bugs import Bug, Measurement, Rule, bug_tests, require, with_shaders
+from support.statistics import standard_deviations
 
 import solari_vk as sv
 from solari_vk.bound.lights.choice_weights import PORTAL_SHARE
-from solari_vk.lab.conformance.rules import SUITE, Measurement, Rule
 from solari_vk.scene.lights.environment import luminances
 from solari_vk.scene.matrices import rotation
 
@@ -27,11 +26,11 @@ PORTALS = [
 RECEIVERS = [(0, 0, 0), (0.5, 2, -2.2), (40, 9, 30)]
 DRAWS, GRID, CELLS = 300_000, 256, 16
 _MAX_Z = NormalDist().inv_cdf(0.9999)
-CHI_SQUARED = Rule("directions through portals have the density that they are given", SUITE, "Portals")
-WHOLE = Rule("the density of directions through a portal integrates to the chance of the portal", SUITE, "Portals")
-SAME = Rule("a sample's density is that of its direction", SUITE, "Portals")
-INVERSE = Rule("the random numbers of a direction are those of its sample", SUITE, "Portals")
-FOLLOWS = Rule("samples of a portal follow the light behind it", SUITE, "Portals")
+CHI_SQUARED = Rule("directions through portals have the density that they are given")
+WHOLE = Rule("the density of directions through a portal integrates to the chance of the portal")
+SAME = Rule("a sample's density is that of its direction")
+INVERSE = Rule("the random numbers of a direction are those of its sample")
+FOLLOWS = Rule("samples of a portal follow the light behind it")
 
 
 def world():

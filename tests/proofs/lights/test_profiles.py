@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 from support.files import GltfWriter
 from support.frames import Effort, measure_frames
-from support.seeded_bugs import Bug, seeded
-from support.statistics import require
+from support.seeded_bugs import Bug, require, seeded
 
 import solari_vk as sv
 from solari_vk.base.budget import load_budget

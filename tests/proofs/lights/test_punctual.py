@@ -18,8 +18,8 @@ from support.frames import (
     render_frames,
     share_of_earlier,
 )
-from support.seeded_bugs import Bug, bug_tests
-from support.statistics import assert_equal, compare, require
+from support.seeded_bugs import Bug, bug_tests, require
+from support.statistics import assert_equal, compare
 
 import solari_vk as sv
 from solari_vk.bound.lights.light_kinds import KIND_INDEX

@@ -7,7 +7,8 @@ import math
 import numpy as np
 import pytest
 from support.frames import TILES, WHOLE, Effort, bound_scene, make_renderer, observe_runs, path_traced
-from support.statistics import measure_mean, measure_picture_tiles, require
+from support.seeded_bugs import require
+from support.statistics import measure_mean, measure_picture_tiles
 
 import solari_vk as sv
 from solari_vk.base.errors import SolariError

@@ -8,18 +8,15 @@ import numpy as np
 import pytest
 from oracles.light import closed_box_radiance
 from support.frames import path_traced_runs
-from support.seeded_bugs import Bug, bug_tests
-from support.statistics import require
+from support.seeded_bugs import Bug, Measurement, Rule, bug_tests, require
 
 import solari_vk as sv
 from solari_vk.lab.conformance.bulk_checks import bumpy_ball
-from solari_vk.lab.conformance.rules import SUITE, Measurement, Rule
 from solari_vk.scene import shapes
 from solari_vk.scene.builtin import closed_box, matte, place
 
 BAR = 0.005
 _SERIES = ("closed form", "geometric series in a closed room")
-_TRACER = (SUITE, "PathTracer")
 
 
 def measure_series(device, bounces, strategy):
@@ -95,9 +92,9 @@ def measure_light_tight(device, where, samples=8):
         options = {"max_bounces": bounces, "lambert": True, "runs": 2}
         made = path_traced_runs(device, sv.Scene(ball, camera, *suns), size, samples, **options)
         lit = float((made.mean > 0).any(axis=-1).sum())
-        yield Measurement(Rule(f"a closed surface is light-tight, {where}", *_TRACER), lit, 0.0, "pixels")
+        yield Measurement(Rule(f"a closed surface is light-tight, {where}"), lit, 0.0, "pixels")
     outside = path_traced_runs(device, sv.Scene(camera, *suns), (16, 16), 2, max_bounces=0, runs=2).mean
-    yield Measurement(Rule("the suns are seen", *_TRACER), float((outside == 0).sum()), 0.0, "dark pixels")
+    yield Measurement(Rule("the suns are seen"), float((outside == 0).sum()), 0.0, "dark pixels")
 
 
 # ---- each rule holds, and can fail --------------------------------------------------------------------

@@ -18,24 +18,22 @@ from support.frames import (
     run_albedo,
 )
 from support.frames import read_radiance as read
-from support.seeded_bugs import Bug, bug_tests
-from support.statistics import measure_mean, require
+from support.seeded_bugs import Bug, Measurement, Rule, bug_tests, require
+from support.statistics import measure_mean
 
 import solari_vk as sv
-from solari_vk.lab.conformance.rules import SUITE, Measurement, Rule
 from solari_vk.lab.conformance.shader_runner import ShaderRunner
 from solari_vk.scene import shapes
 from solari_vk.scene.builtin import lamp, rgb
 
-_PATHS = (SUITE, "Paths")
-METAL = Rule("metals have no diffuse light", *_PATHS)
-MIRRORS = Rule("bounces at mirrors count for nothing but their Fresnel terms", *_PATHS)
-CHAIN = Rule("light comes whole by many mirrors in a row", *_PATHS)
-MIRROR_DISTANCE = Rule("the distance of a mirror's light is the length of the reflected ray", *_PATHS)
-LOBES = Rule("each lobe reflects as much white light as its albedo says", *_PATHS)
-DEMODULATION = Rule("demodulated light times the surface's albedo is the lobe's radiance", *_PATHS)
-DISTANCE = Rule("the distances of diffuse light are those of rays with a cosine distribution", *_PATHS)
-OWN_DISTANCE = Rule("the distance belongs to the lobe that proposed the ray", *_PATHS)
+METAL = Rule("metals have no diffuse light")
+MIRRORS = Rule("bounces at mirrors count for nothing but their Fresnel terms")
+CHAIN = Rule("light comes whole by many mirrors in a row")
+MIRROR_DISTANCE = Rule("the distance of a mirror's light is the length of the reflected ray")
+LOBES = Rule("each lobe reflects as much white light as its albedo says")
+DEMODULATION = Rule("demodulated light times the surface's albedo is the lobe's radiance")
+DISTANCE = Rule("the distances of diffuse light are those of rays with a cosine distribution")
+OWN_DISTANCE = Rule("the distance belongs to the lobe that proposed the ray")
 SIZE = (32, 32)
 
 

@@ -16,11 +16,10 @@ from support.frames import (
     path_tracer_at_centers,
     read_radiance,
 )
-from support.seeded_bugs import Bug, bug_tests
-from support.statistics import relative_interval, require
+from support.seeded_bugs import Bug, Measurement, Rule, bug_tests, require
+from support.statistics import relative_interval
 
 import solari_vk as sv
-from solari_vk.lab.conformance.rules import SUITE, Measurement, Rule
 from solari_vk.scene import shapes
 from solari_vk.scene.builtin import place, rgb
 from solari_vk.scene.material import TEXTURES
@@ -105,7 +104,7 @@ GROUPS = {
     "iridescence": [name for name in FIELDS if name.startswith("iridescence")],
     "glass": [name for name in FIELDS if name.startswith(("transmission", "solid", "attenuation", "diffuse"))],
 }
-RULES = {name: Rule(f"four balls of random {name} have the path tracer's light", SUITE, "Paths") for name in FIELDS}
+RULES = {name: Rule(f"four balls of random {name} have the path tracer's light") for name in FIELDS}
 
 
 def draw_value(field, random):

@@ -5,7 +5,7 @@ import math
 
 import numpy as np
 import pytest
-from oracles.light import sun_irradiance
+from oracles.light import LAMP_CORNERS, floor_scene, lamp_above, lamp_on_lambert, sun_irradiance
 from support.frames import (
     CACHED,
     FRAME_SIZE,
@@ -26,17 +26,15 @@ from support.frames import (
     read_radiance,
     replicate,
 )
-from support.scenes import LAMP_CORNERS, floor_scene, lamp_above, lamp_on_lambert
-from support.seeded_bugs import Bug, bug_tests
-from support.statistics import measure_mean, measure_picture_tiles, require
+from support.seeded_bugs import Bug, Measurement, Rule, bug_tests, require
+from support.statistics import measure_mean, measure_picture_tiles
 
 import solari_vk as sv
-from solari_vk.lab.conformance.rules import SUITE, Measurement, Rule
 from solari_vk.scene import shapes
 from solari_vk.scene.builtin import SCENES, closed_box, matte, rgb
 
-SEQUENCE = Rule("consecutive frames average to less noise than independent ones", SUITE, "Paths")
-CELLS = Rule("cells over a shiny floor in the sun have the path tracer's irradiance", SUITE, "Paths")
+SEQUENCE = Rule("consecutive frames average to less noise than independent ones")
+CELLS = Rule("cells over a shiny floor in the sun have the path tracer's irradiance")
 
 # ---- closed forms -----------------------------------------------------------------------------------
 

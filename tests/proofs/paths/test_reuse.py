@@ -9,6 +9,7 @@ from support.frames import (
     Effort,
     add_up,
     make_renderer,
+    metal_gallery,
     observe_paths,
     observe_runs,
     path_traced_reflected,
@@ -18,22 +19,19 @@ from support.frames import (
     trace_centers,
     unlit_pixels,
 )
-from support.scenes import metal_gallery
-from support.seeded_bugs import Bug, bug_tests
-from support.statistics import measure_mean, measure_tiles_t, require
+from support.seeded_bugs import Bug, Measurement, Rule, bug_tests, require
+from support.statistics import measure_mean, measure_tiles_t
 
 import solari_vk as sv
-from solari_vk.lab.conformance.rules import SUITE, Measurement, Rule
 from solari_vk.scene import shapes
 from solari_vk.scene.builtin import cornell_box, lamp, matte, place
 
-_PATHS = (SUITE, "Paths")
-REUSED = Rule("paths whose light pixels reuse have the path tracer's mean", *_PATHS)
-REUSED_TILES = Rule("where pixels reuse light, no tile differs from the path tracer's", *_PATHS)
-LESS_NOISE = Rule("reuse takes at least a quarter off the variance of a frame", *_PATHS)
-NO_LAG = Rule("a frame after a block has jumped, reused light contains little of its old shadow", *_PATHS)
+REUSED = Rule("paths whose light pixels reuse have the path tracer's mean")
+REUSED_TILES = Rule("where pixels reuse light, no tile differs from the path tracer's")
+LESS_NOISE = Rule("reuse takes at least a quarter off the variance of a frame")
+NO_LAG = Rule("a frame after a block has jumped, reused light contains little of its old shadow")
 REUSE = {"lighting": "paths", "restir": True}
-MEAN = Rule("frames with reused light are as bright as frames without", *_PATHS)
+MEAN = Rule("frames with reused light are as bright as frames without")
 RESTIR = {**PLAIN_PATHS, "restir": True}
 FULL = Effort(16, 24, 64, 8192)
 

@@ -4,19 +4,17 @@ from statistics import NormalDist
 
 import numpy as np
 from support.frames import bound_scene
-from support.seeded_bugs import Bug, bug_tests, with_shaders
-from support.statistics import chi_squared_p, require, standard_deviations
+from support.seeded_bugs import Bug, Measurement, Rule, bug_tests, require, with_shaders
+from support.statistics import chi_squared_p, standard_deviations
 
 import solari_vk as sv
-from solari_vk.lab.conformance.rules import SUITE, Measurement, Rule
 from solari_vk.scene import shapes
 from solari_vk.scene.builtin import lamp, rgb
 
-_PATHS = (SUITE, "Paths")
-EQUAL = Rule("the probability of a light is the one with which a walk down the tree of lights ends there", *_PATHS)
-SUM = Rule("at each point, the probabilities of all lights have the sum 1", *_PATHS)
-OFTEN = Rule("lights of the tree are chosen as often as their probability says", *_PATHS)
-CLOSE = Rule("lights are chosen nearly in proportion to power times cosine over squared distance", *_PATHS)
+EQUAL = Rule("the probability of a light is the one with which a walk down the tree of lights ends there")
+SUM = Rule("at each point, the probabilities of all lights have the sum 1")
+OFTEN = Rule("lights of the tree are chosen as often as their probability says")
+CLOSE = Rule("lights are chosen nearly in proportion to power times cosine over squared distance")
 LAMPS, POINTS, DRAWS = 150, 24, 8192
 
 

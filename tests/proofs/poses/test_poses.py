@@ -6,30 +6,26 @@ import functools
 import numpy as np
 import pytest
 from oracles.encodings import decode_gbuffer
-from support.files import GltfWriter
 from support.frames import GBUFFER, make_renderer
 from support.scenes import bent_joints, tube
-from support.seeded_bugs import Bug, bug_tests
-from support.statistics import require
+from support.seeded_bugs import Bug, Measurement, Rule, bug_tests, require
 
 import solari_vk as sv
 from solari_vk.base.color import LUMINANCE_WEIGHTS
 from solari_vk.bound.binder import SceneBinder
 from solari_vk.gpu.frame.frame import Pass, Stage
-from solari_vk.lab.conformance.rules import SUITE, Measurement, Rule
 from solari_vk.renderers.scene_frame import SceneFrame
 from solari_vk.scene.builtin import matte
 from solari_vk.scene.matrices import rotation
 
 _GLTF = ("glTF 2.0", "Skins, Morph Targets")
-_POSES = (SUITE, "Poses")
 SKIN = Rule("rays meet triangles where the weighted sum of their joints' matrices puts them", *_GLTF)
-OWN_JOINTS = Rule("instances of one mesh have poses of their own", *_POSES)
+OWN_JOINTS = Rule("instances of one mesh have poses of their own")
 MORPH = Rule("rays meet triangles where the weighted sum of morph targets puts them", *_GLTF)
 BOTH = Rule("joints move what morph targets have moved", *_GLTF)
-NORMALS = Rule("normals of joints that shear follow the inverse transpose", *_POSES)
-MOTION = Rule("motion vectors follow joints, morph targets and transforms", *_POSES)
-REST = Rule("a pose that is given again has no motion", *_POSES)
+NORMALS = Rule("normals of joints that shear follow the inverse transpose")
+MOTION = Rule("motion vectors follow joints, morph targets and transforms")
+REST = Rule("a pose that is given again has no motion")
 COUNT, JOINTS, TARGETS = 200, 12, 5  # triangles, joints and morph targets of a mesh
 STEPS, LARGE = 40, 20  # more poses than refits in a row, and the one that is three times as large
 AHEAD = 0.05  # meters, from where rays start to their triangle
@@ -350,9 +346,8 @@ def test_many_poses_grow_nothing(device):
         assert later <= objects + 8
 
 
-def mirrored_by_a_clip(path):
+def mirrored_by_a_clip(writer):
     """A single-sided triangle with a skin, and beside it one without, both mirrored in z by a clip from 1 s on."""
-    writer = GltfWriter(path)
     joints = {"WEIGHTS_0": [[1, 0, 0, 0]] * 3, "JOINTS_0": writer.accessor([[0, 0, 0, 0]] * 3, "u1")}
     mesh, skin = writer.mesh(joints), writer.add("skins", joints=[0])
     nodes = [writer.node(), writer.node(mesh=mesh, skin=skin), writer.node(mesh=mesh, translation=[1.5, 0, 0])]
@@ -364,9 +359,9 @@ def mirrored_by_a_clip(path):
 
 
 @pytest.mark.parametrize("way", ["raster", "traced"])
-def test_a_clip_that_mirrors_a_skin_turns_its_side(device, tmp_path, way):
+def test_a_clip_that_mirrors_a_skin_turns_its_side(device, writer, way):
     """Both triangles are seen from the front, and from behind while the clip mirrors them; else not at all."""
-    scene = mirrored_by_a_clip(tmp_path / "file.glb")
+    scene = mirrored_by_a_clip(writer)
     camera = {z: sv.Camera.look_at((1.25, 0.5, z), (1.25, 0.5, 0)) for z in (4, -4)}
     with make_renderer(device, scene, SIZE, passes=GBUFFER, gbuffer=way, jitter=False) as renderer:
         for seconds, front in ((0, 4), (1.6, -4), (2, -4), (0.4, 4)):

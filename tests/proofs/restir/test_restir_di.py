@@ -15,29 +15,20 @@ from support.frames import (
     path_traced,
     path_tracer_at_centers,
 )
-from support.seeded_bugs import Bug, bug_tests
-from support.statistics import (
-    compare_runs,
-    measure_mean,
-    measure_picture_tiles,
-    relative_interval,
-    require,
-    tile_means_4x4,
-)
+from support.seeded_bugs import Bug, Measurement, Rule, bug_tests, require
+from support.statistics import compare_runs, measure_mean, measure_picture_tiles, relative_interval, tile_means_4x4
 
 import solari_vk as sv
 from solari_vk.bound.constants import NO_INDEX
-from solari_vk.lab.conformance.rules import SUITE, Measurement, Rule
 from solari_vk.scene import shapes
 from solari_vk.scene.builtin import cornell_box, lamp, many_lights, matte
 from solari_vk.scene.matrices import transform_directions
 
-_DI = (SUITE, "ReSTIR DI")
-DIRECT = Rule("direct light of a Cornell box", *_DI)
-SIXTEENTHS = Rule("direct light of a Cornell box in each of 4 x 4 tiles", *_DI)
-LIT = Rule("direct light where all of the lamp is seen", *_DI)
-PENUMBRA = Rule("direct light where part of the lamp is seen", *_DI)
-SHADOW = Rule("no direct light where nothing of the lamp is seen", *_DI)
+DIRECT = Rule("direct light of a Cornell box")
+SIXTEENTHS = Rule("direct light of a Cornell box in each of 4 x 4 tiles")
+LIT = Rule("direct light where all of the lamp is seen")
+PENUMBRA = Rule("direct light where part of the lamp is seen")
+SHADOW = Rule("no direct light where nothing of the lamp is seen")
 _SHARE_RAYS = 64  # pairs of a point in the pixel and one on the lamp
 
 

@@ -3,17 +3,16 @@
 import numpy as np
 import pytest
 from support.frames import SPECULAR, SPLIT_LIGHTING, Effort, add_up, make_renderer, observe_runs, path_traced_runs
-from support.seeded_bugs import Bug, bug_tests
-from support.statistics import measure_mean, measure_tiles_t, relative_interval, require
+from support.seeded_bugs import Bug, Rule, bug_tests, require
+from support.statistics import measure_mean, measure_tiles_t, relative_interval
 
 from solari_vk.bound.constants import NO_INDEX
-from solari_vk.lab.conformance.rules import SUITE, Rule
 from solari_vk.scene.builtin import closed_box, cornell_box, place
 from solari_vk.scene.model import Camera, Instance, Material
 from solari_vk.scene.shapes import sphere
 
-INDIRECT = Rule("one bounce of indirect light in a Cornell box", SUITE, "ReSTIR GI")
-SIXTEENTHS = Rule("no tile of 4 x 4 differs significantly from the path tracer's indirect light", SUITE, "ReSTIR GI")
+INDIRECT = Rule("one bounce of indirect light in a Cornell box")
+SIXTEENTHS = Rule("no tile of 4 x 4 differs significantly from the path tracer's indirect light")
 SIZE = (48, 48)
 
 

@@ -6,26 +6,32 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 from oracles.cameras import camera_rays
-from support.frames import GBUFFER, SMALL, SPLIT_LIGHTING, Effort, make_renderer, observe_runs, path_traced_runs
-from support.scenes import metal_gallery
-from support.seeded_bugs import Bug, bug_tests
-from support.statistics import measure_mean, require
+from support.frames import (
+    GBUFFER,
+    SMALL,
+    SPLIT_LIGHTING,
+    Effort,
+    make_renderer,
+    metal_gallery,
+    observe_runs,
+    path_traced_runs,
+)
+from support.seeded_bugs import Bug, Measurement, Rule, bug_tests, require
+from support.statistics import measure_mean
 
 import solari_vk as sv
-from solari_vk.lab.conformance.rules import SUITE, Measurement, Rule
 from solari_vk.scene import shapes
 from solari_vk.scene.builtin import closed_box, lamp, matte, place, rgb
 from solari_vk.scene.model import Camera, Instance, Material, Scene
 
-_SPECULAR = (SUITE, "Specular GI")
-GLOSSY = Rule("specular light of four metals is the path tracer's", *_SPECULAR)
-PANEL = Rule("specular light of each metal (mirror, smooth, glossy, rough) is the path tracer's", *_SPECULAR)
-METAL = Rule("a box of glowing metal is as bright as the path tracer's", *_SPECULAR)
-ENDS = Rule("a path that spreads wider than a cell ends in the world cache", *_SPECULAR)
-GOES_ON = Rule("a path that is narrower than a cell continues", *_SPECULAR)
-CAMERA_CONE = Rule("Solari's rule: a path whose cone from the camera is wider than a cell ends at once", *_SPECULAR)
-CAMERA_LOBE = Rule("Solari's rule: a path from a mirror ends when a matte wall has widened its cone", *_SPECULAR)
-CAMERA_LENGTH = Rule("Solari's rule: a path continues after a ray shorter than sqrt(3) cells", *_SPECULAR)
+GLOSSY = Rule("specular light of four metals is the path tracer's")
+PANEL = Rule("specular light of each metal (mirror, smooth, glossy, rough) is the path tracer's")
+METAL = Rule("a box of glowing metal is as bright as the path tracer's")
+ENDS = Rule("a path that spreads wider than a cell ends in the world cache")
+GOES_ON = Rule("a path that is narrower than a cell continues")
+CAMERA_CONE = Rule("Solari's rule: a path whose cone from the camera is wider than a cell ends at once")
+CAMERA_LOBE = Rule("Solari's rule: a path from a mirror ends when a matte wall has widened its cone")
+CAMERA_LENGTH = Rule("Solari's rule: a path continues after a ray shorter than sqrt(3) cells")
 # Without cache, reuse and lights left to DI, the pass is an unbiased path tracer of the specular lobe.
 UNBIASED = {
     **SPLIT_LIGHTING,

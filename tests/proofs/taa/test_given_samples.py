@@ -4,19 +4,15 @@ import numpy as np
 import pytest
 from support.frames import frames_of_known_light
 from support.scenes import WALL_SIZE, camera_moved_by, white_wall
-from support.seeded_bugs import Bug, bug_tests
-from support.statistics import require
+from support.seeded_bugs import Bug, Measurement, Rule, bug_tests, require
 
-from solari_vk.lab.conformance.rules import SUITE, Measurement, Rule
-
-_TAA = (SUITE, "Antialiasing")
-EVEN = Rule("an even light stays as it is, also upscaled and in motion", *_TAA)
-AREA = Rule("a pixel of a still picture tends to the mean of the light in its area", *_TAA)
-UPSCALED = Rule("an upscaled still picture tends to the mean of the light in each of its pixels", *_TAA)
-SHARP = Rule("motion by parts of a pixel keeps patterns", *_TAA)
-FOLLOWED = Rule("light that changes everywhere is followed in few frames", *_TAA)
-NOISE = Rule("noise of samples becomes less with the square root of their number", *_TAA)
-NOT_FINITE = Rule("samples that aren't finite change no pixel", *_TAA)
+EVEN = Rule("an even light stays as it is, also upscaled and in motion")
+AREA = Rule("a pixel of a still picture tends to the mean of the light in its area")
+UPSCALED = Rule("an upscaled still picture tends to the mean of the light in each of its pixels")
+SHARP = Rule("motion by parts of a pixel keeps patterns")
+FOLLOWED = Rule("light that changes everywhere is followed in few frames")
+NOISE = Rule("noise of samples becomes less with the square root of their number")
+NOT_FINITE = Rule("samples that aren't finite change no pixel")
 PASSES = ("gbuffer/", "guides/", "taa/")
 SETTLED = 96  # frames: three times all positions in a pixel
 SAMPLES = "passes/taa/samples.glsl"

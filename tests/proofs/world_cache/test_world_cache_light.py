@@ -7,14 +7,12 @@ import math
 import numpy as np
 import pytest
 from cache_frames import CacheFrame
-from oracles.light import polygon_irradiance
+from oracles.light import LAMP_CORNERS, LAMP_RADIANCE, floor_scene, lamp_above, polygon_irradiance
 from support.frames import SPLIT_LIGHTING, add_up, make_renderer, path_traced
-from support.scenes import LAMP_CORNERS, LAMP_RADIANCE, floor_scene, lamp_above
-from support.seeded_bugs import Bug, bug_tests, with_shaders
-from support.statistics import relative_interval, require
+from support.seeded_bugs import Bug, Measurement, Rule, bug_tests, require, with_shaders
+from support.statistics import relative_interval
 
 import solari_vk as sv
-from solari_vk.lab.conformance.rules import SUITE, Measurement, Rule
 from solari_vk.scene import shapes
 from solari_vk.scene.builtin import place, rgb
 from solari_vk.settings.layering import LAYERINGS
@@ -198,7 +196,7 @@ def test_thin_wall(device):
     assert light_behind_a_wall(device, "finest", x=0.075) > 5e-3
 
 
-LEAK = Rule("no light leaks through a thin wall", SUITE, "World cache")
+LEAK = Rule("no light leaks through a thin wall")
 # The wall's offset from the cells' grid in meters, its angle in degrees, and the bar.
 WALLS = ((0.0, 0, 0.001), (0.075, 0, 0.002), (0.03, 0, 0.002), (0.1, 0, 0.002), (0.0, 45, 0.01), (0.05, 20, 0.01))
 
