@@ -71,14 +71,17 @@ class Animations:
     def _make_rig(self) -> Rig:
         nodes = [self._placed[number] for number in self._row]
         entries = [node.entry for node in nodes]
-        above = [self._placed.get(node.parent) for node in nodes]
+        bases = []
+        for node in nodes:
+            parent = self._placed.get(node.parent)
+            bases.append((np.eye(4), True) if parent is None else (parent.world, parent.visible))
         return Rig(
             [self._row.get(node.parent, -1) for node in nodes],
             [local_matrix(entry) for entry in entries],
             [entry.numbers("translation", (0.0, 0.0, 0.0)) for entry in entries],
             [entry.numbers("rotation", _NO_ROTATION) for entry in entries],
             [entry.numbers("scale", (1.0, 1.0, 1.0)) for entry in entries],
-            [(np.eye(4), True) if parent is None else (parent.world, parent.visible) for parent in above],
+            bases,
             [own_visibility(entry) for entry in entries],
         )
 
@@ -87,28 +90,41 @@ class Animations:
 
         find: an object of the scene by the kind and number of a property, and whether one of them moves uvs.
         """
-        every = [key for _, channels in self._clips for key, *_ in channels if isinstance(key, Property)]
-        moving = {(key.kind, key.number) for key in every if key.moves_uvs}
+        properties = [key for _, channels in self._clips for key, *_ in channels if isinstance(key, Property)]
+        moving = {key.owner for key in properties if key.moves_uvs}
         objects: dict[tuple[str, int], AnimatedObject | None] = {}
+        for owner in dict.fromkeys(key.owner for key in properties):
+            with self._report.costs(_WRONG):
+                objects[owner] = find(*owner, owner in moving)
         numbers: dict[Any, int] = {}
-        made = []
+        animations = []
         for entry, channels in self._clips:
-            rows = []
-            for key, path, *keys in channels:
-                with self._report.costs(_WRONG):
-                    row = self._row[key] if not isinstance(key, Property) else None
-                    if isinstance(key, Property):
-                        owner = key.kind, key.number
-                        if owner not in objects:
-                            objects[owner] = find(*owner, owner in moving)
-                        row = self._property(objects[owner], key, keys[1].shape[-1], entry, numbers)
-                    if row is not None:
-                        rows.append(Channel(row, path, *keys))
+            rows = self._playable(entry, channels, objects, numbers)
             if rows:
-                made.append(Animation(self.rig, rows, name=entry.name))
-        for found in filter(None, objects.values()):
-            found.apply()
-        return made
+                animations.append(Animation(self.rig, rows, name=entry.name))
+        for found in objects.values():
+            if found is not None:
+                found.apply()
+        return animations
+
+    def _playable(
+        self,
+        entry: Entry,
+        channels: list[tuple[Any, ...]],
+        objects: dict[tuple[str, int], AnimatedObject | None],
+        numbers: dict[Any, int],
+    ) -> list[Channel]:
+        """The channels of an animation that move or change something. numbers: of the rig's properties so far."""
+        found = []
+        for key, path, times, values, interpolation in channels:
+            with self._report.costs(_WRONG):
+                if isinstance(key, Property):
+                    row = self._property(objects.get(key.owner), key, values.shape[-1], entry, numbers)
+                else:
+                    row = self._row[key]
+                if row is not None:
+                    found.append(Channel(row, path, times, values, interpolation))
+        return found
 
     def _property(
         self, found: AnimatedObject | None, wanted: Property, width: int, entry: Entry, numbers: dict[Any, int]
@@ -164,7 +180,8 @@ class Animations:
                 except ValueError:
                     self._report.add(_NOT_PLAYED, f"{channel.place} ({shown(text)[1:-1]})")
                     return None
-            node, path = int(match[1]), "visible" if match[2].endswith("visible") else match[2]
+            node = int(match[1])
+            path = "visible" if match[2].endswith("visible") else match[2]
         elif path not in ("translation", "rotation", "scale", "weights"):
             raise target.wrong("path", "translation, rotation, scale or weights")
         if node is None:

@@ -15,6 +15,7 @@ from solari_vk.scene.files.gltf.values import Entry
 from solari_vk.scene.meshes.deformation import Deformation
 
 Vertices = dict[str, NDArray[Any]]  # by attribute: "POSITION", "NORMAL", "TANGENT", ...
+_MOST_SETS = 64  # of joints
 TARGETS = {"POSITION": "targets", "NORMAL": "target_normals", "TANGENT": "target_tangents"}
 """What a morph target adds to, and the field of `Deformation` that has it."""
 
@@ -31,21 +32,26 @@ def read_targets(vertices: Vertices, targets: Sequence[Entry], accessors: Access
         added = np.zeros((count, len(targets), 3), np.float32)
         for number, target in enumerate(targets):
             with report.costs("morph targets with wrong values change nothing"):
-                index = target.index(name)
-                if index is None:
-                    continue
-                values = accessors.floats(index, target, ("VEC3",))
-                if len(values) != count:
-                    raise target.error(f"moves {len(values)} vertices, but there are {count}; export the file again")
-                if not np.abs(values).max(initial=0) <= checks.LARGEST_COORDINATE:
-                    limit = checks.LARGEST_COORDINATE
-                    raise target.error(f"moves vertices by more than {limit:g} meters; scale it down")
-                added[:, number] = values
+                added[:, number] = _deltas(target, name, count, accessors)
         found[field] = added
     if found and "targets" not in found:
         _charge(targets, len(vertices["POSITION"]))
         found["targets"] = np.zeros((len(vertices["POSITION"]), len(targets), 3), np.float32)
     return found
+
+
+def _deltas(target: Entry, name: str, count: int, accessors: Accessors) -> Any:
+    """What a target adds to an attribute of `count` vertices, (N, 3); 0 for an attribute that it leaves alone."""
+    index = target.index(name)
+    if index is None:
+        return 0
+    values = accessors.floats(index, target, ("VEC3",))
+    if len(values) != count:
+        raise target.error(f"moves {len(values)} vertices, but there are {count}; export the file again")
+    limit = checks.LARGEST_COORDINATE
+    if not np.abs(values).max(initial=0) <= limit:
+        raise target.error(f"moves vertices by more than {limit:g} meters; scale it down")
+    return values
 
 
 def _charge(targets: Sequence[Entry], count: int) -> None:
@@ -58,7 +64,10 @@ def read_joints(count: int, attributes: Entry, accessors: Accessors) -> Vertices
     """The joints and their weights (N, K) of `count` vertices, by the field of `Deformation`."""
     joints: list[NDArray[Any]] = []
     weights: list[NDArray[Any]] = []
-    while (number := len(joints)) < 64 and f"JOINTS_{number}" in attributes:
+    # Sets of four joints have numbers without a gap (glTF 2.0, 3.7.3.3).
+    for number in range(_MOST_SETS):
+        if f"JOINTS_{number}" not in attributes:
+            break
         joints.append(accessors.integers(attributes.integer(f"JOINTS_{number}"), attributes, ("VEC4",)))
         weights.append(accessors.floats(attributes.integer(f"WEIGHTS_{number}"), attributes, ("VEC4",)))
         if not len(joints[-1]) == len(weights[-1]) == count:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -10,7 +11,7 @@ from numpy.typing import NDArray
 from solari_vk.scene.files.gltf.document import Document
 from solari_vk.scene.files.gltf.images import Images
 from solari_vk.scene.files.gltf.report import Report
-from solari_vk.scene.files.gltf.values import Entry, shown, whole
+from solari_vk.scene.files.gltf.values import Entry, is_index, shown
 from solari_vk.scene.images.mip_chain import LINEAR_OF_SRGB
 from solari_vk.scene.lights.environment import Environment, directions
 from solari_vk.scene.matrices import nearest_rotation, quaternion_rotation
@@ -37,17 +38,10 @@ def read_environment(document: Document, scene: Entry, report: Report, strict: b
     if number >= len(lights):
         raise scene.error(f"refers to light {shown(number)}, but the file has only {len(lights)} of them")
     light = lights[number]
-    levels = light.values("specularImages", "a list of levels of six images", lambda level: isinstance(level, list))
-    numbers = [face for value in (levels or [[]])[0] if (face := whole(value)) is not None and face >= 0]
-    if len(numbers) != _FACES or len(levels[0]) != _FACES:
-        raise light.wrong("specularImages", "a list of levels of six images")
-    images = Images(document, report, strict)
-    images.read({(face,): light for face in numbers})
-    found = [image.pixels for face in numbers if (image := images[(face,)]) is not None]
-    if len(found) < _FACES or any(pixels.shape != (len(found[0]), len(found[0]), 4) for pixels in found):
+    faces = _read_faces(light, Images(document, report, strict))
+    if faces is None:
         report.add("environments whose images can't be read or aren't equal squares are left out", light.place)
         return None
-    faces = np.stack([decode_rgbd(pixels) for pixels in found])
     x, y, z, w = light.numbers("rotation", (0.0, 0.0, 0.0, 1.0), low=-1e6, high=1e6)
     turn = np.array(quaternion_rotation(x, y, z, w))
     return Environment(
@@ -56,6 +50,27 @@ def read_environment(document: Document, scene: Entry, report: Report, strict: b
         rotation=nearest_rotation(turn) if turn.any() else np.eye(3),
         name=light.name,
     )
+
+
+def _read_faces(light: Entry, images: Images) -> Floats | None:
+    """The linear colors (6, N, N, 3) of the sharpest level; None if an image can't be read or has another size."""
+    wanted = "a list of levels of six images"
+    levels = light.values("specularImages", wanted, lambda level: isinstance(level, list))
+    if not levels or len(levels[0]) != _FACES or not all(map(is_index, levels[0])):
+        raise light.wrong("specularImages", wanted)
+    choices = [(int(value),) for value in levels[0]]
+    images.read(dict.fromkeys(choices, light))
+    read = [images[choice] for choice in choices]
+    pixels = [image.pixels for image in read if image is not None]
+    if len(pixels) < _FACES or not are_equal_squares(pixels):
+        return None
+    return np.stack([decode_rgbd(face) for face in pixels])
+
+
+def are_equal_squares(faces: Sequence[NDArray[Any]]) -> bool:
+    """Whether pictures (H, W, channels) can be the faces of a cube."""
+    side = len(faces[0])
+    return all(face.shape[:2] == (side, side) for face in faces)
 
 
 def decode_rgbd(pixels: NDArray[np.uint8]) -> Floats:
@@ -70,8 +85,10 @@ def unroll_cube(faces: Floats) -> Floats:
 
     Seen from inside the cube the faces aren't mirrored, other than in graphics programming interfaces.
     """
+    # Four faces are around the horizon.
     width = min(4 * faces.shape[1], LARGEST_MAP)
     toward = directions(max(width // 2, 1), width)
+    # A direction meets the face of its largest component.
     axis = np.abs(toward).argmax(axis=-1)
     along = np.take_along_axis(toward, axis[..., None], -1)[..., 0]
     x, y, z = np.moveaxis(toward / np.abs(along)[..., None], -1, 0)
@@ -79,10 +96,12 @@ def unroll_cube(faces: Floats) -> Floats:
     across = np.select([axis == 0, axis == 1], [sign * z, -x], -sign * x)
     down = np.select([axis == 1], [sign * z], -y)
     # Positions in texels between the centers of the first and the last one.
-    column, row = (((at + 1) / 2 * len(faces[0]) - 0.5).clip(0, len(faces[0]) - 1) for at in (across, down))
-    face = 2 * axis + (sign < 0)
+    last = len(faces[0]) - 1
+    column, row = (((at + 1) / 2 * len(faces[0]) - 0.5).clip(0, last) for at in (across, down))
+    face = 2 * axis + np.where(sign < 0, 1, 0)
+    # Bilinear interpolation. Texels beyond a face's edge are repeated, not those of the next face.
     left, top = np.floor(column).astype(int), np.floor(row).astype(int)
-    right, bottom = (np.minimum(at + 1, len(faces[0]) - 1) for at in (left, top))
+    right, bottom = np.minimum(left + 1, last), np.minimum(top + 1, last)
     share, rest = (column - left)[..., None], (row - top)[..., None]
     upper = faces[face, top, left] * (1 - share) + faces[face, top, right] * share
     lower = faces[face, bottom, left] * (1 - share) + faces[face, bottom, right] * share

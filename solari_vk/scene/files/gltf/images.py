@@ -24,6 +24,7 @@ from solari_vk.scene.model import TextureImage
 _BYTES_OF_LIGHT = 48  # of a pixel, with what the environment computes from it
 
 Source = tuple[str, str | int]  # equal sources are the same image
+_Opened = tuple[Any, str, str]  # an opened image, the words for it in errors, and its name
 Choice = tuple[int, ...]  # images of one texture, the preferred one first
 
 
@@ -50,7 +51,11 @@ class Images:
 
     def __getitem__(self, choice: Choice) -> TextureImage | None:
         """The image of a choice, after `read`; None if there is none that can be read."""
-        return next((image for number in choice if (image := self._read.get(number)) is not None), None)
+        for number in choice:
+            image = self._read.get(number)
+            if image is not None:
+                return image
+        return None
 
     def light(self, number: int, user: Entry) -> NDArray[np.float32] | None:
         """The linear colors (H, W, 3) of an EXR image, of any brightness; None for others, and without one.
@@ -77,10 +82,10 @@ class Images:
         return light
 
     def _read_all(self, users: dict[int, Entry], linear: Container[int]) -> None:
+        """Read images by their numbers. users: what refers to each."""
         sources: dict[int, Source] = {}
-        opened: dict[Source, tuple[Any, str, str]] = {}
-        data: set[Source] = set()
-        copied = 0  # bytes of files, which are kept until they are decoded
+        opened: dict[Source, _Opened] = {}
+        copied = 0  # bytes of files, which stay in memory until they are decoded
         for number, user in users.items():
             entry = self._document.item("image", number, user)
             try:
@@ -90,12 +95,18 @@ class Images:
                     copied += file.nbytes
                     entry.charge(0, "its file", working=copied)
                     opened[source] = self._open(entry, source, file.tobytes())
-                if number in linear:
-                    data.add(source)
             except BudgetError:
                 raise
             except SolariError as error:
                 self._remark(error)
+        data = {source for number, source in sources.items() if number in linear}
+        self._decode(opened, data, copied)
+        for number in users:
+            self._read[number] = self._made.get(sources[number]) if number in sources else None
+
+    def _decode(self, opened: dict[Source, _Opened], data: set[Source], copied: int) -> None:
+        """Decode opened images in parallel: the libraries let other threads run meanwhile. data: those that hold no
+        colors. copied: the bytes of their files."""
 
         def decoded(source: Source) -> TextureImage | SolariError:
             image, who, name = opened[source]
@@ -105,15 +116,16 @@ class Images:
                 return error
 
         threads = min(8, os.cpu_count() or 1)
+        # At worst the largest images are decoded at the same time.
         working = sorted(image_files.working_bytes(image) for image, *_ in opened.values())[-threads:]
         self._document.root.charge(0, "decoding its images", working=sum(working) + copied)
         with ThreadPoolExecutor(max_workers=threads) as pool:
             for source, made in zip(opened, pool.map(decoded, opened), strict=True):
-                self._made[source] = None if isinstance(made, SolariError) else made
                 if isinstance(made, SolariError):
+                    self._made[source] = None
                     self._remark(made)
-        for number in users:
-            self._read[number] = self._made.get(sources[number]) if number in sources else None
+                else:
+                    self._made[source] = made
 
     def _remark(self, error: SolariError) -> None:
         if self._strict:
@@ -131,8 +143,7 @@ class Images:
     def _file(self, entry: Entry, place: str | int) -> NDArray[np.uint8]:
         return self._document.view(place, entry)[0] if isinstance(place, int) else self._document.resource(entry)
 
-    def _open(self, entry: Entry, source: Source, data: bytes) -> tuple[Any, str, str]:
-        """The opened image, the words for it in errors, and its name."""
+    def _open(self, entry: Entry, source: Source, data: bytes) -> _Opened:
         file = os.path.basename(str(source[1])) if source[0] == "file" else ""
         who = f"{entry.file}: {entry.place}" + (f" ({file})" if file else "")
         image = image_files.open_image(data, who)

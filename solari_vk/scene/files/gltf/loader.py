@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import os
-from typing import Any
+from itertools import chain
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -48,7 +49,15 @@ _NODE_EXTENSIONS = (
 SPARE_INSTANCES = 2**17
 _BYTES_PER_INSTANCE = 4096
 
-Part = tuple[str, Mesh, Material, dict[str, Material]]
+
+class Part(NamedTuple):
+    """What a primitive makes. suffix: of names, which tell the primitives of a mesh apart. others: the materials by
+    variant."""
+
+    suffix: str
+    mesh: Mesh
+    material: Material
+    others: dict[str, Material]
 
 
 @reads(".gltf", ".glb", options=("scene", "variant"), only="glTF files have scenes and variants: leave out the option")
@@ -102,49 +111,19 @@ class _Loader:
 
     def load(self, which: int | str | None) -> Scene:
         self._check_required()
-        if self._document.version.rstrip(".0") != "2":
-            self._report.add("versions of glTF after 2.0 are read as 2.0", shown(self._document.version)[1:-1])
-        with self._report.costs("wrong centers are left out"):
-            if (center := self._document.root.extension("CESIUM_RTC")) is not None:
-                place = ", ".join(f"{value:.10g}" for value in center.numbers("center", (0.0, 0.0, 0.0)))
-                self._report.add("positions are left relative to the center of CESIUM_RTC", place)
+        self._remark_file()
         first, owner = roots(self._document, which)
         self._scene.name = owner.name or self._document.path.stem
-        if owner is not self._document.root:
-            self._report.add_extensions(owner, (ENVIRONMENT, SKY))
-            with self._report.costs("wrong environments are left out"):
-                self._scene.environment = read_environment(self._document, owner, self._report, self._strict)
-        if self._scene.environment is None:
-            with self._report.costs("wrong skies are left out"):
-                self._scene.environment = read_sky(self._document, owner, self._report, self._strict)
+        self._load_environment(owner)
         placed = walk(self._document, first, owner)
+        # Animations are read before the objects, which ask whether they are animated; the properties of objects after.
         self._animations = Animations(self._document, self._accessors, placed, self._report)
         self._check_instance_count(placed)
         self._load_materials()
         for node in placed.values():
-            self._report.add_extensions(node.entry, _NODE_EXTENSIONS)
-            if "mesh" in node.entry:
-                with self._report.costs("nodes with wrong data have no surface"):
-                    self._add_meshes(node, placed)
-            if "camera" in node.entry:
-                with self._report.costs("wrong cameras are left out"):
-                    camera = make_camera(self._document, node, self._report)
-                    self._add(node, self._followed(node, camera))
-                    if camera is not None and read_own(node.entry, (DEFAULT,)).get(DEFAULT) is True:
-                        self._scene.camera = camera
-            if node.entry.extension(LIGHTS):
-                with self._report.costs("wrong lights are left out"):
-                    self._add(node, self._followed(node, self._lights.light(node)))
-            if node.entry.extension(PROFILES):
-                with self._report.costs("wrong lights are left out"):
-                    luminaire = self._lights.luminaire(node)
-                    self._add(node, luminaire)
-                    if luminaire is not None:
-                        self._animatable["nodes", node.number] = [(node, luminaire)]
-            if read_own(node.entry, (PORTAL,)).get(PORTAL) is True:
-                with self._report.costs("portals without an area are left out"):
-                    self._add(node, Portal(**Portal.placed(node.world), name=node.entry.name))
-        if self._report.first_error and not self._scene.instances and any("mesh" in n.entry for n in placed.values()):
+            self._add_objects(node, placed)
+        has_meshes = any("mesh" in node.entry for node in placed.values())
+        if self._report.first_error and not self._scene.instances and has_meshes:
             raise self._report.first_error
         for animation in self._animations.finish(self._animated):
             self._scene.animations.add(animation)
@@ -152,6 +131,56 @@ class _Loader:
         self._scene.warnings.extend(self._report.lines())
         warn_of_missing(self._scene.warnings)
         return self._scene
+
+    def _remark_file(self) -> None:
+        """Report what concerns the whole file: a later version of the format, and an origin that is left out."""
+        if self._document.version.rstrip(".0") != "2":
+            self._report.add("versions of glTF after 2.0 are read as 2.0", shown(self._document.version)[1:-1])
+        with self._report.costs("wrong centers are left out"):
+            center = self._document.root.extension("CESIUM_RTC")
+            if center is not None:
+                # On the globe, some 6,400 km from the origin: 32 bits would leave half a meter of precision.
+                place = ", ".join(f"{value:.10g}" for value in center.numbers("center", (0.0, 0.0, 0.0)))
+                self._report.add("positions are left relative to the center of CESIUM_RTC", place)
+
+    def _load_environment(self, owner: Entry) -> None:
+        """Read the environment of a scene, else its sky. owner: the scene, or the file if it has no scenes."""
+        if owner is not self._document.root:
+            self._report.add_extensions(owner, (ENVIRONMENT, SKY))
+            with self._report.costs("wrong environments are left out"):
+                self._scene.environment = read_environment(self._document, owner, self._report, self._strict)
+        if self._scene.environment is None:
+            with self._report.costs("wrong skies are left out"):
+                self._scene.environment = read_sky(self._document, owner, self._report, self._strict)
+
+    def _add_objects(self, node: PlacedNode, placed: dict[int, PlacedNode]) -> None:
+        """Add a node's mesh, camera, lights and portal."""
+        entry = node.entry
+        self._report.add_extensions(entry, _NODE_EXTENSIONS)
+        if "mesh" in entry:
+            with self._report.costs("nodes with wrong data have no surface"):
+                self._add_meshes(node, placed)
+        if "camera" in entry:
+            with self._report.costs("wrong cameras are left out"):
+                self._add_camera(node)
+        if entry.extension(LIGHTS):
+            with self._report.costs("wrong lights are left out"):
+                self._add(node, self._followed(node, self._lights.light(node)))
+        if entry.extension(PROFILES):
+            with self._report.costs("wrong lights are left out"):
+                luminaire = self._lights.luminaire(node)
+                self._add(node, luminaire)
+                if luminaire is not None:
+                    self._animatable["nodes", node.number] = [(node, luminaire)]
+        if read_own(entry, (PORTAL,)).get(PORTAL) is True:
+            with self._report.costs("portals without an area are left out"):
+                self._add(node, Portal(**Portal.placed(node.world), name=entry.name))
+
+    def _add_camera(self, node: PlacedNode) -> None:
+        camera = make_camera(self._document, node, self._report)
+        self._add(node, self._followed(node, camera))
+        if camera is not None and read_own(node.entry, (DEFAULT,)).get(DEFAULT) is True:
+            self._scene.camera = camera
 
     def _check_instance_count(self, placed: dict[int, PlacedNode]) -> None:
         """Raise SolariError if a small file expands to too many instances, before they are created."""
@@ -233,61 +262,77 @@ class _Loader:
     def _load_materials(self) -> None:
         """Load the materials of the meshes that `_check_instance_count` has found."""
         users: dict[int, Entry] = {}
-        for primitives in self._mesh_primitives.values():
-            for primitive in primitives:
-                with self._report.costs(WRONG_PRIMITIVES):
-                    for material in (primitive.index("material"), *self._variants.materials(primitive).values()):
-                        if material is not None:
-                            users.setdefault(material, primitive)
+        for primitive in chain.from_iterable(self._mesh_primitives.values()):
+            with self._report.costs(WRONG_PRIMITIVES):
+                materials = [primitive.index("material"), *self._variants.materials(primitive).values()]
+                for material in materials:
+                    if material is not None:
+                        users.setdefault(material, primitive)
         self._materials.load(users)
 
     def _add_meshes(self, node: PlacedNode, placed: dict[int, PlacedNode]) -> None:
+        """Add an instance for each primitive of a node's mesh, and for each transform of EXT_mesh_gpu_instancing."""
         mesh = self._document.item("mesh", node.entry.integer("mesh"), node.entry)
         skin = None
         with self._report.costs("wrong skins are left out"):
             skin = skin_of(self._document, self._accessors, node, placed, self._report)
-        name, label = node.entry.name or mesh.name or mesh.place, read_label(node.entry, self._report)
+        name = node.entry.name or mesh.name or mesh.place
+        label = read_label(node.entry, self._report)
         part_of = read_label(node.entry, self._report, "part_of")
         pose = Pose(self._animations, node, mesh, skin, placed)
         # Of a skin's node only the winding order counts, which a negative determinant turns around.
-        with np.errstate(over="ignore", invalid="ignore"):
-            mirrored = skin is not None and bool(np.linalg.det(node.world[:3, :3]) < 0)
-        rig, row = self._animations.rig, self._animations.row(node.number)
+        mirrored = skin is not None and _is_mirroring(node.world)
         parts = self._parts(node, mesh, skin is not None)
-        # The position of a skinned mesh follows from its joints alone.
+        # glTF 2.0, 3.7.3.1: the place of a skinned mesh follows from its joints alone.
         for local in repeated(node, self._accessors) if skin is None else np.eye(4)[None]:
-            visible = node.visible
-            with np.errstate(over="ignore", invalid="ignore"):
-                world = node.world @ local if skin is None else local
-            try:
-                world = checks.affine_transform(world)
-            except ValueError:
-                if row is None:
-                    place = node.entry.place
-                    self._report.add("nodes whose transform is singular or not affine have no surface", place)
-                    continue
-                world, visible = np.eye(4), False  # until an animation gives it a size
-            plain = "" if part_of or len(parts) == 1 else "".join(filter(str.isprintable, name))
-            whole = part_of or (plain and distinct(plain, self._objects))
-            for suffix, shape, material, others in parts:
-                shape = rig.inside_out(shape) if mirrored else shape
-                instance = Instance(shape, material, world, visible=visible, name=name + suffix, label=label)
+            where = self._place(node, local, skin is not None)
+            if where is None:
+                continue
+            world, visible = where
+            whole = part_of or self._object_name(name, parts)
+            for part in parts:
+                shape = self._animations.rig.inside_out(part.mesh) if mirrored else part.mesh
+                instance = Instance(shape, part.material, world, visible=visible, name=name + part.suffix, label=label)
                 instance.part_of = whole
-                try:
+                with self._report.costs("meshes whose pose can't be shown are left out"):
                     pose.give(instance)
-                except SolariError as error:
-                    self._report.lost("meshes whose pose can't be shown are left out", error)
-                    continue
-                for variant in self._variants.names if others else ():
-                    self._scene.variants.setdefault(variant, {})[instance] = others.get(variant, material)
-                if skin is not None and row is not None:
-                    rig.attach_side(instance, row, mirrored)
-                self._add(node, instance, local, moves=skin is None)
-                if read_own(node.entry, ("backdrop",)).get("backdrop") is True:
-                    self._scene.backdrop = instance
+                    self._add_instance(node, instance, part, local, skin is not None, mirrored)
+
+    def _place(self, node: PlacedNode, local: Any, skinned: bool) -> tuple[Any, bool] | None:
+        """The transform of an instance to the world, and whether it is visible; None (reported) for one that has no
+        place. local: from the mesh to the node."""
+        with np.errstate(over="ignore", invalid="ignore"):
+            world = local if skinned else node.world @ local
+        try:
+            return checks.affine_transform(world), node.visible
+        except ValueError:
+            if self._animations.row(node.number) is not None:
+                return np.eye(4), False  # until an animation gives it a size
+            remark = "nodes whose transform is singular or not affine have no surface"
+            self._report.add(remark, node.entry.place)
+            return None
+
+    def _object_name(self, name: str, parts: list[Part]) -> str:
+        """A name that the instances of a mesh with several primitives have in common, "" for one alone."""
+        printable = "".join(filter(str.isprintable, name))
+        return distinct(printable, self._objects) if len(parts) != 1 and printable else ""
+
+    def _add_instance(
+        self, node: PlacedNode, instance: Instance, part: Part, local: Any, skinned: bool, mirrored: bool
+    ) -> None:
+        """Add an instance, with its materials in variants, and have it follow the node."""
+        if part.others:
+            for variant in self._variants.names:
+                self._scene.variants.setdefault(variant, {})[instance] = part.others.get(variant, part.material)
+        row = self._animations.row(node.number)
+        if skinned and row is not None:
+            self._animations.rig.attach_side(instance, row, mirrored)
+        self._add(node, instance, local, moves=not skinned)
+        if read_own(node.entry, ("backdrop",)).get("backdrop") is True:
+            self._scene.backdrop = instance
 
     def _parts(self, node: PlacedNode, mesh: Entry, skinned: bool) -> list[Part]:
-        """The meshes and materials of a mesh's primitives that have a surface, and suffixes for their names."""
+        """What a mesh's primitives that have a surface make; the same for each node with the mesh."""
         key = node.entry.integer("mesh"), skinned
         if key not in self._parts_made:
             primitives = self._primitives_of(node)
@@ -295,13 +340,22 @@ class _Loader:
             for number, primitive in enumerate(primitives):
                 suffix = f"/{number}" if len(primitives) > 1 else ""
                 with self._report.costs(WRONG_PRIMITIVES):
-                    material = self._materials[primitive.index("material")]
-                    numbers = self._variants.materials(primitive)
-                    others = {name: self._materials[number] for name, number in numbers.items()}
-                    # One mesh serves all variants, so it has tangents if any of them has a normal map.
-                    wanted = next((one for one in (material, *others.values()) if one.normal_map is not None), material)
-                    made = self._primitives.mesh(primitive, (mesh.name or mesh.place) + suffix, wanted, skinned)
-                    if made is not None:
-                        materials = {name: other.material for name, other in others.items()}
-                        parts.append((suffix, made, material.material, materials))
+                    parts += self._part(primitive, mesh, suffix, skinned)
         return self._parts_made[key]
+
+    def _part(self, primitive: Entry, mesh: Entry, suffix: str, skinned: bool) -> list[Part]:
+        """What a primitive makes; nothing (reported) for one without a surface."""
+        material = self._materials[primitive.index("material")]
+        numbers = self._variants.materials(primitive)
+        others = {name: self._materials[number] for name, number in numbers.items()}
+        # One mesh serves all variants, so it has tangents if any of them has a normal map.
+        wanted = next((one for one in (material, *others.values()) if one.normal_map is not None), material)
+        made = self._primitives.mesh(primitive, (mesh.name or mesh.place) + suffix, wanted, skinned)
+        if made is None:
+            return []
+        return [Part(suffix, made, material.material, {name: other.material for name, other in others.items()})]
+
+
+def _is_mirroring(world: Any) -> bool:
+    with np.errstate(over="ignore", invalid="ignore"):
+        return bool(np.linalg.det(world[:3, :3]) < 0)

@@ -53,6 +53,7 @@ class Materials:
         for index, user in users.items():
             with self._report.costs(_WRONG):
                 parsed[index] = self._parse(self._document.item("material", index, user))
+        # All images are known before the first is decoded, so that they are decoded together.
         every = [item for _, slots in parsed.values() for item in slots.items()]
         self._textures.decode([(slot, TEXTURES[name]) for name, slot in every])
         for index, (entry, slots) in parsed.items():
@@ -103,6 +104,7 @@ class Materials:
         strength = entry.extension("KHR_materials_emissive_strength")
         emissive = np.array(entry.numbers("emissiveFactor", (0.0, 0.0, 0.0), low=0))
         if strength is not None:
+            # KHR_materials_emissive_strength; glTF's own factor is at most 1, which counts as 1 cd/m^2.
             emissive = emissive * strength.number("emissiveStrength", 1.0, low=0)
         if emissive.max() > checks.LARGEST_RADIANCE:
             raise entry.error(f"emits more than {checks.LARGEST_RADIANCE:g} cd/m^2; lower factor or strength")
@@ -132,7 +134,8 @@ class Materials:
 
         moves_uvs: its textures are its own then.
         """
-        loaded, entry = self._loaded.get(number), self._document.item("material", number, self._document.root)
+        loaded = self._loaded.get(number)
+        entry = self._document.item("material", number, self._document.root)
         if entry.extension(specular_glossiness.EXTENSION) is not None:
             remark = f"animations of materials of {specular_glossiness.EXTENSION} are not played"
             self._report.add(remark, entry.place)
@@ -141,8 +144,8 @@ class Materials:
             return None
         material = loaded.material
         if moves_uvs:
-            material.update(**{name: replace(texture) for name in TEXTURES if (texture := getattr(material, name))})
-
+            textures = {name: getattr(material, name) for name in TEXTURES}
+            material.update(**{name: replace(texture) for name, texture in textures.items() if texture is not None})
         moving = {name: getattr(material, name) for name in TEXTURES if moves_uvs}
 
         def read(said: Entry) -> Readings:
@@ -202,8 +205,10 @@ class Variants:
             with self._report.costs("wrong mappings of variants are left out"):
                 material = mapping.integer("material")
                 for number in mapping.integers("variants"):
-                    if number >= len(self.names):
-                        count = len(self.names)
-                        raise mapping.error(f"refers to variant {shown(number)}, but the file has only {count}")
-                    found[self.names[number]] = material
+                    found[self._name(number, mapping)] = material
         return found
+
+    def _name(self, number: int, user: Entry) -> str:
+        if number >= len(self.names):
+            raise user.error(f"refers to variant {shown(number)}, but the file has only {len(self.names)}")
+        return self.names[number]

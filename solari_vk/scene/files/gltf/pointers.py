@@ -25,7 +25,10 @@ Readings = list[tuple[Sequence[Checked], dict[str, Any]]]
 TRANSFORM = "KHR_texture_transform"
 NODE = re.compile(r"/nodes/(\d{1,9})/(translation|rotation|scale|weights|extensions/KHR_node_visibility/visible)")
 _OBJECT = re.compile(r"/(?:(materials|cameras|nodes)|extensions/KHR_lights_punctual/(lights))/(\d{1,9})/(.+)")
-_UNIT, _ZERO, _WHITE, _BLACK = (1.0,), (0.0,), (1.0, 1.0, 1.0), (0.0, 0.0, 0.0)
+_UNIT = (1.0,)
+_ZERO = (0.0,)
+_WHITE = (1.0, 1.0, 1.0)
+_BLACK = (0.0, 0.0, 0.0)
 _TRANSFORM = re.compile(r"(?:.+/)?\w+Texture/extensions/KHR_texture_transform/(offset|rotation|scale)")
 _OF_TRANSFORMS = {"offset": (0.0, 0.0), "rotation": _ZERO, "scale": (1.0, 1.0)}
 _THICKNESS: dict[str, tuple[float, ...]] = {
@@ -93,7 +96,9 @@ class Property:
         match = _OBJECT.fullmatch(pointer)
         if match is None:
             raise ValueError
-        self.kind, self.number, path = match[1] or match[2], int(match[3]), match[4]
+        self.kind = match[1] or match[2]
+        self.number = int(match[3])
+        path = match[4]
         transform = _TRANSFORM.fullmatch(path) if self.kind == "materials" else None
         self.moves_uvs = transform is not None
         default = _OF_TRANSFORMS[transform[1]] if transform is not None else DEFAULTS[self.kind].get(path)
@@ -101,6 +106,11 @@ class Property:
             raise ValueError
         self.default: tuple[float, ...] = default
         self.path = tuple(path.split("/"))
+
+    @property
+    def owner(self) -> tuple[str, int]:
+        """The kind and the number of the object."""
+        return self.kind, self.number
 
 
 class AnimatedEntry(Entry):
@@ -162,6 +172,8 @@ class AnimatedObject:
         """Whether all fields that animations may change are as the resting values of their properties say."""
         stated = self.stated(resting)
         expected = self._with(stated)
+        # What the fields are made of can't be asked of the reader. So the properties get several values, and the fields
+        # that differ for one of them are those that an animation may change.
         probes = [
             self._with({path: np.full(len(values), probe) for path, values in stated.items()}) for probe in _PROBES
         ]

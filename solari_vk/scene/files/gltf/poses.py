@@ -29,12 +29,12 @@ class Pose:
         owner = node.entry if "weights" in node.entry else mesh
         count = len(owner.values("weights", "numbers"))
         self._weights = owner.numbers("weights", (0.0,) * count, low=-1e6, high=1e6)
-        self._skin = None
+        self._skin: tuple[list[int], NDArray[np.float64], NDArray[np.float64]] | None = None
         if skin is not None:
             joints, joints_from_mesh = skin
             rest = np.array([placed[joint].world for joint in joints])
-            rows = [-1 if (row := animations.row(joint)) is None else row for joint in joints]
-            self._skin = rows, rest, joints_from_mesh
+            rows = [animations.row(joint) for joint in joints]
+            self._skin = [-1 if row is None else row for row in rows], rest, joints_from_mesh
 
     def give(self, instance: Instance) -> None:
         """Put an instance in the pose, and have it follow the animations."""
@@ -43,24 +43,33 @@ class Pose:
             return
         fields = {}
         if self._skin is not None and deformation.joints is not None:
-            rows, rest, joints_from_mesh = self._skin
-            if deformation.joint_count > len(rows):
-                joint = deformation.joint_count - 1
-                raise self._mesh.error(f"refers to joint {joint}, but the skin has {len(rows)} joints")
-            with np.errstate(over="ignore", invalid="ignore"):
-                fields["joint_matrices"] = (rest @ joints_from_mesh)[:, :3]
+            fields["joint_matrices"] = self._joint_matrices(deformation.joint_count)
         animated = self._animations.weights_of(self._node, deformation.target_count)
         if deformation.targets is not None and (any(self._weights) or animated):
-            self._node.entry.charge(64 * deformation.target_count, "its weights")
-            fields["morph_weights"] = np.zeros(deformation.target_count)
-            given = self._weights[: deformation.target_count]
-            fields["morph_weights"][: len(given)] = given
+            fields["morph_weights"] = self._morph_weights(deformation.target_count)
         try:
             instance.update(**fields)
         except SolariError as error:
             raise self._node.entry.error(f"has a pose that can't be shown: {error}") from None
         rig, row = self._animations.rig, self._animations.row(self._node.number)
-        if "joint_matrices" in fields and self._skin is not None and max(rows) >= 0:
+        if self._skin is not None and "joint_matrices" in fields and max(self._skin[0]) >= 0:
             rig.attach_skin(instance, *self._skin)
         if animated and "morph_weights" in fields and row is not None:
             rig.attach_weights(instance, row)
+
+    def _joint_matrices(self, count: int) -> NDArray[np.float64]:
+        """The matrices (J, 3, 4) of all joints; `count` of them are needed."""
+        assert self._skin is not None
+        rows, rest, joints_from_mesh = self._skin
+        if count > len(rows):
+            raise self._mesh.error(f"refers to joint {count - 1}, but the skin has {len(rows)} joints")
+        with np.errstate(over="ignore", invalid="ignore"):
+            return np.asarray((rest @ joints_from_mesh)[:, :3])
+
+    def _morph_weights(self, count: int) -> NDArray[np.float64]:
+        """The weights of `count` morph targets, 0 for those that the file says nothing of."""
+        self._node.entry.charge(64 * count, "its weights")
+        weights = np.zeros(count)
+        given = self._weights[:count]
+        weights[: len(given)] = given
+        return weights

@@ -21,10 +21,13 @@ from solari_vk.scene.meshes.smoothing import area_vectors, fitted_normals
 from solari_vk.scene.meshes.tangents import fitted_tangents, generate_tangents
 from solari_vk.scene.model import Mesh
 
-_DRAWN = (
-    f"points are drawn as spheres with a radius of at most 1/{1 / POINT_RADIUS:.0f} of their primitive's size",
-    f"lines are drawn as tubes with a radius of 1/{1 / LINE_RADIUS:.0f} of their primitive's size",
+# glTF 2.0, 5.24 (Mesh.Primitive): 0 are points, 1 to 3 lines, their loops and strips, 4 to 6 triangles.
+_TRIANGLES = 4
+_TRIANGLE_FAN = 6
+_DRAWN_POINTS = (
+    f"points are drawn as spheres with a radius of at most 1/{1 / POINT_RADIUS:.0f} of their primitive's size"
 )
+_DRAWN_LINES = f"lines are drawn as tubes with a radius of 1/{1 / LINE_RADIUS:.0f} of their primitive's size"
 WRONG_PRIMITIVES = "primitives with wrong data are left out"
 _WORKING_BYTES = 300  # a triangle, for its area and tangents
 _HARMLESS = ("KHR_materials_variants", "KHR_draco_mesh_compression", "KHR_xmp_json_ld")
@@ -48,10 +51,10 @@ class Primitives:
         if attributes is None:
             raise primitive.error("has no 'attributes'; export the file again")
         turned = None if material.normal_map is None else material.normal_map.uv_transform
-        mode = primitive.integer("mode", 4, high=6)
+        mode = primitive.integer("mode", _TRIANGLES, high=_TRIANGLE_FAN)
         packed = self._draco.unpack(primitive, attributes)
         if packed is not None:
-            mode = 4
+            mode = _TRIANGLES  # strips, which the extension allows too, are triangles after decompression
         targets = primitive.entries("targets", "target")
         joints = [name for name in sorted(attributes.data) if skinned and name.startswith(("JOINTS_", "WEIGHTS_"))]
         key = (
@@ -92,34 +95,24 @@ class Primitives:
         if vertices is None:
             return None
         corners = self._corners(primitive, len(vertices["POSITION"]))
-        moved = read_targets(vertices, targets, self._accessors, self._report)
-        positions = vertices["POSITION"]
-        if skinned:
-            with self._report.costs("primitives with wrong joints or weights rest in the pose of their vertices"):
-                moved |= read_joints(len(positions), attributes, self._accessors)
+        moved = self._moved(vertices, attributes, targets, skinned)
         vertices |= moved
-        if len(positions) and not np.abs(positions).max() <= checks.LARGEST_COORDINATE:
-            raise primitive.error(f"has coordinates above {checks.LARGEST_COORDINATE:g} meters; scale it down")
-        if mode < 4:
+        _check_extent(primitive, vertices["POSITION"])
+        if mode < _TRIANGLES:
             vertices, triangles = self._thin(primitive, mode, vertices, corners)
-            positions = vertices["POSITION"]
             _charge(primitive, vertices, len(triangles))
         else:
-            _charge(primitive, vertices, len(corners) // 3 if mode == 4 else max(len(corners) - 2, 0))
+            _charge(primitive, vertices, len(corners) // 3 if mode == _TRIANGLES else max(len(corners) - 2, 0))
             triangles = self._triangles(primitive, mode, corners)
-
-        distinct = (triangles != np.roll(triangles, 1, axis=1)).all(axis=1)
-        triangles = triangles[distinct]
-        used, triangles = _compact(triangles, len(positions))
-        if len(used) < len(positions):
-            vertices = {attribute: values[used] for attribute, values in vertices.items()}
+        vertices, triangles = _without_unused(vertices, triangles)
         cross = area_vectors(vertices["POSITION"], triangles)
+        # Triangles that joints or targets move may get an area later.
         if not (cross.any() or (moved and len(triangles))):
             self._report.add("primitives without any triangle of some area are left out", primitive.place)
             return None
         if "NORMAL" in vertices:
             vertices["NORMAL"] = self._unit_normals(vertices["NORMAL"], triangles, cross, primitive)
-        if mode >= 4:
+        if mode >= _TRIANGLES:
             vertices, triangles = self._with_tangents(vertices, triangles, cross, material)
         return Mesh(
             positions=vertices["POSITION"],
@@ -132,6 +125,14 @@ class Primitives:
             deformation=deformation_of(vertices),
             name=name,
         )
+
+    def _moved(self, vertices: Vertices, attributes: Entry, targets: list[Entry], skinned: bool) -> Vertices:
+        """What morph targets and, of a skinned mesh, joints do to each vertex."""
+        moved = read_targets(vertices, targets, self._accessors, self._report)
+        if skinned:
+            with self._report.costs("primitives with wrong joints or weights rest in the pose of their vertices"):
+                moved |= read_joints(len(vertices["POSITION"]), attributes, self._accessors)
+        return moved
 
     def _vertices(self, primitive: Entry, attributes: Entry, material: LoadedMaterial) -> Vertices | None:
         position = attributes.index("POSITION")
@@ -149,11 +150,14 @@ class Primitives:
         count = self._accessors.count(position, attributes)
         vertices = {}
         for name, (index, kinds) in wanted.items():
-            if index is not None:
-                with self._report.costs("wrong attributes are left out") if name != "POSITION" else nullcontext():
-                    if (rows := self._accessors.count(index, attributes)) != count:
-                        raise primitive.error(f"has {rows} of {name} for {count} positions; export the file again")
-                    vertices[name] = self._accessors.floats(index, attributes, kinds)
+            if index is None:
+                continue
+            # Without positions there is nothing to show: their error is the primitive's.
+            with self._report.costs("wrong attributes are left out") if name != "POSITION" else nullcontext():
+                rows = self._accessors.count(index, attributes)
+                if rows != count:
+                    raise primitive.error(f"has {rows} of {name} for {count} positions; export the file again")
+                vertices[name] = self._accessors.floats(index, attributes, kinds)
         if "NORMAL" not in vertices:
             vertices.pop("TANGENT", None)  # as glTF demands: tangents need the normals that they were made for
         return self._with_colors(vertices, primitive)
@@ -186,23 +190,24 @@ class Primitives:
         self, primitive: Entry, mode: int, vertices: Vertices, corners: NDArray[np.uint32]
     ) -> tuple[Vertices, NDArray[np.uint32]]:
         """Vertices and triangles of points and lines."""
-        self._report.add(_DRAWN[mode > 0], primitive.place)
+        self._report.add(_DRAWN_POINTS if mode == 0 else _DRAWN_LINES, primitive.place)
         vertices, triangles, step = with_surface(vertices, corners, mode, primitive)
         if step > 1:
             self._report.add(f"only one of {step} points or lines is drawn", primitive.place)
         return vertices, triangles
 
     def _triangles(self, primitive: Entry, mode: int, corners: NDArray[np.uint32]) -> NDArray[np.uint32]:
-        if mode == 4:
+        if mode == _TRIANGLES:
             whole = len(corners) // 3 * 3
             if whole != len(corners):
                 self._report.add("the last corners make no whole triangle and are left out", primitive.place)
             return corners[:whole].reshape(-1, 3)
         if len(corners) < 3:
             return np.zeros((0, 3), np.uint32)
-        if mode == 6:
+        if mode == _TRIANGLE_FAN:
             return np.stack([corners[1:-1], corners[2:], np.broadcast_to(corners[0], len(corners) - 2)], axis=1)
         strip = np.stack([corners[:-2], corners[1:-1], corners[2:]], axis=1)
+        # In a strip every second triangle has the other winding order (glTF 2.0, 3.7.2.1).
         strip[1::2] = strip[1::2, [0, 2, 1]]
         return strip
 
@@ -218,26 +223,47 @@ class Primitives:
         self, vertices: Vertices, triangles: NDArray[np.uint32], cross: NDArray[np.float64], material: LoadedMaterial
     ) -> tuple[Vertices, NDArray[np.uint32]]:
         """Vertices with the tangents that a normal map needs, and the triangles over them."""
-        normals, normal_map = vertices.get("NORMAL"), material.normal_map
-        second = normal_map is not None and material.uv_sets.index(normal_map.uv_set) == 1
-        uvs = "SECOND_TEXCOORD" if second and "SECOND_TEXCOORD" in vertices else "TEXCOORD"
+        normals = vertices.get("NORMAL")
+        normal_map = material.normal_map
         if "TANGENT" in vertices and normals is not None:
             vertices["TANGENT"] = fitted_tangents(vertices["TANGENT"], normals)
-        if normal_map is not None and "TANGENT" not in vertices and uvs in vertices:
-            if normals is None:  # flat shading: every corner has the normal of its triangle
-                vertices = {attribute: values[triangles.reshape(-1)] for attribute, values in vertices.items()}
-                normals = np.repeat(unit(cross), 3, axis=0).astype(np.float32)
-                triangles = np.arange(triangles.size, dtype=np.uint32).reshape(-1, 3)
-            linear = np.reshape(normal_map.uv_transform, (2, 3))[:, :2]
-            split = generate_tangents(vertices["POSITION"], normals, vertices[uvs] @ linear.T, triangles)
-            vertices = {attribute: values[split.source] for attribute, values in vertices.items()}
-            vertices["TANGENT"], triangles = split.tangents, split.indices
-        return vertices, triangles
+        if normal_map is None or "TANGENT" in vertices:
+            return vertices, triangles
+        uvs = "TEXCOORD"
+        if material.uv_sets.index(normal_map.uv_set) == 1 and "SECOND_TEXCOORD" in vertices:
+            uvs = "SECOND_TEXCOORD"
+        if uvs not in vertices:
+            return vertices, triangles
+        if normals is None:  # flat shading: every corner has the normal of its triangle
+            vertices = {attribute: values[triangles.reshape(-1)] for attribute, values in vertices.items()}
+            normals = np.repeat(unit(cross), 3, axis=0).astype(np.float32)
+            triangles = np.arange(triangles.size, dtype=np.uint32).reshape(-1, 3)
+        # Tangents are along the u of the texture, after KHR_texture_transform has turned it.
+        linear = np.reshape(normal_map.uv_transform, (2, 3))[:, :2]
+        split = generate_tangents(vertices["POSITION"], normals, vertices[uvs] @ linear.T, triangles)
+        vertices = {attribute: values[split.source] for attribute, values in vertices.items()}
+        vertices["TANGENT"] = split.tangents
+        return vertices, split.indices
 
 
 def _charge(primitive: Entry, vertices: Vertices, triangle_count: int) -> None:
     size = sum(values.nbytes for values in vertices.values()) + 12 * triangle_count
     primitive.charge(2 * size, "its mesh", working=_WORKING_BYTES * triangle_count)
+
+
+def _check_extent(primitive: Entry, positions: NDArray[np.float32]) -> None:
+    if len(positions) and not np.abs(positions).max() <= checks.LARGEST_COORDINATE:
+        raise primitive.error(f"has coordinates above {checks.LARGEST_COORDINATE:g} meters; scale it down")
+
+
+def _without_unused(vertices: Vertices, triangles: NDArray[np.uint32]) -> tuple[Vertices, NDArray[np.uint32]]:
+    """Vertices and triangles without triangles that have a vertex twice, and without vertices that no triangle has."""
+    count = len(vertices["POSITION"])
+    distinct = (triangles != np.roll(triangles, 1, axis=1)).all(axis=1)
+    used, triangles = _compact(triangles[distinct], count)
+    if len(used) < count:
+        vertices = {attribute: values[used] for attribute, values in vertices.items()}
+    return vertices, triangles
 
 
 def _uv_names(material: LoadedMaterial) -> list[str]:

@@ -60,6 +60,7 @@ class Report:
         """One line for each remark, in the order of their first occurrence."""
         result = []
         for remark, places in self._places.items():
+            line = f"{remark}: {', '.join(islice(places, NAMES_SHOWN))}"
             more = len(places) - NAMES_SHOWN
-            result.append(f"{remark}: {', '.join(islice(places, NAMES_SHOWN))}" + (f" and {more} more" * (more > 0)))
+            result.append(f"{line} and {more} more" if more > 0 else line)
         return result

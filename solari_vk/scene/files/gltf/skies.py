@@ -10,17 +10,18 @@ from numpy.typing import NDArray
 from solari_vk.scene.checks import LARGEST_RADIANCE
 from solari_vk.scene.files.gltf.document import Document
 from solari_vk.scene.files.gltf.extras import read_own
-from solari_vk.scene.files.gltf.image_lights import unroll_cube
+from solari_vk.scene.files.gltf.image_lights import are_equal_squares, unroll_cube
 from solari_vk.scene.files.gltf.images import Images
 from solari_vk.scene.files.gltf.report import Report
 from solari_vk.scene.files.gltf.textures import images_of
-from solari_vk.scene.files.gltf.values import Entry, shown, whole
+from solari_vk.scene.files.gltf.values import Entry, is_index, shown
 from solari_vk.scene.images.mip_chain import LINEAR_OF_SRGB
 from solari_vk.scene.lights.environment import Environment
 
 EXTENSION = "OMI_environment_sky"
 GRADIENT_ROWS = 512
-_FACES, _BYTES_PER_VALUE = 6, 16
+_FACES = 6
+_BYTES_PER_VALUE = 16
 _TYPES = ("gradient", "panorama", "physical", "plain")
 
 
@@ -29,15 +30,9 @@ def read_sky(document: Document, scene: Entry, report: Report, strict: bool) -> 
 
     Suns are the file's directional lights; the glow of gradient skies around them is left out.
     """
-    root, user = document.root.extension(EXTENSION), scene.extension(EXTENSION)
-    skies = root.entries("skies", "sky") if root else []
-    chosen = next((entry for entry in (user, root) if entry is not None and "sky" in entry), None)
-    number = 0 if chosen is None else chosen.integer("sky")
-    if number >= len(skies) and (chosen is not None or user is not None):
-        raise scene.error(f"refers to sky {shown(number)}, but the file has only {len(skies)}")
-    if number >= len(skies):
+    sky = _chosen_sky(document, scene)
+    if sky is None:
         return None
-    sky = skies[number]
     kind = sky.text("type", choices=_TYPES)
     fields = sky.entry(kind) or Entry(sky.file, sky.place, {})
     if sky.number("ambientSkyContribution", 1.0, low=0, high=1) < 1:
@@ -54,6 +49,20 @@ def read_sky(document: Document, scene: Entry, report: Report, strict: bool) -> 
         "physical skies are left out: give another light, such as scene.environment = Sky() or --environment sky",
         sky.place,
     )
+    return None
+
+
+def _chosen_sky(document: Document, scene: Entry) -> Entry | None:
+    """The sky that a scene names, else the one that the file names for all scenes, else the file's first."""
+    root = document.root.extension(EXTENSION)
+    user = scene.extension(EXTENSION)
+    skies = root.entries("skies", "sky") if root else []
+    chosen = next((entry for entry in (user, root) if entry is not None and "sky" in entry), None)
+    number = 0 if chosen is None else chosen.integer("sky")
+    if number < len(skies):
+        return skies[number]
+    if chosen is not None or user is not None:
+        raise scene.error(f"refers to sky {shown(number)}, but the file has only {len(skies)}")
     return None
 
 
@@ -76,27 +85,35 @@ def _gradient(fields: Entry) -> NDArray[np.float64]:
 
 
 def _panorama(document: Document, fields: Entry, sky: Entry, report: Report, strict: bool) -> Environment | None:
-    """The map of a texture by longitude and latitude, whose middle is +z, else the cube of six textures."""
+    """The map of a texture by longitude and latitude, else the cube of six textures."""
     is_cube = "equirectangular" not in fields
-    if is_cube:
-        textures = fields.values("cubemap", "a list of six textures")
-        numbers = [face for value in textures if (face := whole(value)) is not None and face >= 0]
-        if len(numbers) != _FACES or len(textures) != _FACES:
-            raise fields.wrong("cubemap", "a list of six textures")
-    else:
-        numbers = [fields.integer("equirectangular")]
-    choices = [images_of(document.item("texture", number, fields)) for number in numbers]
+    choices = [images_of(document.item("texture", number, fields)) for number in _panorama_textures(fields)]
     images = Images(document, report, strict)
+    # The extension has +z in the middle of the map, Environment +x. A file of this package has a rotation of its own.
     turn = read_own(sky, ("rotation",)).get("rotation", -math.pi / 2)
-    if not is_cube and choices[0] and (light := images.light(choices[0][0], fields)) is not None:
-        return Environment(light, rotation=turn, name=sky.name)
+    if not is_cube and choices[0]:
+        light = images.light(choices[0][0], fields)
+        if light is not None:
+            return Environment(light, rotation=turn, name=sky.name)
     images.read({choice: fields for choice in choices if choice})
-    found = [image.pixels[..., :3] for choice in choices if (image := images[choice]) is not None]
-    side = len(found[0]) if found else 0
-    if len(found) < len(choices) or (is_cube and any(pixels.shape != (side, side, 3) for pixels in found)):
+    read = [images[choice] for choice in choices]
+    pixels = [image.pixels[..., :3] for image in read if image is not None]
+    if len(pixels) < len(choices) or (is_cube and not are_equal_squares(pixels)):
         report.add("skies whose images can't be read or aren't equal squares are left out", sky.place)
         return None
-    document.root.charge(_BYTES_PER_VALUE * sum(pixels.size for pixels in found), "the map of its sky")
+    document.root.charge(_BYTES_PER_VALUE * sum(picture.size for picture in pixels), "the map of its sky")
+    colors = [LINEAR_OF_SRGB[picture] for picture in pixels]
     if is_cube:
-        return Environment(unroll_cube(np.stack([LINEAR_OF_SRGB[pixels] for pixels in found])), name=sky.name)
-    return Environment(LINEAR_OF_SRGB[found[0]], rotation=turn, name=sky.name)
+        return Environment(unroll_cube(np.stack(colors)), name=sky.name)
+    return Environment(colors[0], rotation=turn, name=sky.name)
+
+
+def _panorama_textures(fields: Entry) -> list[int]:
+    """The texture of a map, or the six of a cube."""
+    if "equirectangular" in fields:
+        return [fields.integer("equirectangular")]
+    wanted = "a list of six textures"
+    numbers = fields.values("cubemap", wanted)
+    if len(numbers) != _FACES or not all(map(is_index, numbers)):
+        raise fields.wrong("cubemap", wanted)
+    return [int(number) for number in numbers]

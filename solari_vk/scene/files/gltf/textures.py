@@ -14,6 +14,7 @@ from solari_vk.scene.files.gltf.report import Report
 from solari_vk.scene.files.gltf.values import Entry
 from solari_vk.scene.model import Texture, TextureImage
 
+# glTF 2.0, 5.26 (Sampler): the values of OpenGL's GL_TEXTURE_WRAP_S and of its filters.
 WRAP = {33071: "clamp_to_edge", 33648: "mirrored_repeat", 10497: "repeat"}
 MAGNIFICATION = {9728: "nearest", 9729: "linear"}
 # What each filter does within a level, and whether it uses the smaller levels.
@@ -25,6 +26,7 @@ MINIFICATION = {
     9986: ("nearest", True),
     9987: ("linear", True),
 }
+# A texture may name images of one picture in several formats. The first that can be read is taken, in this order.
 _PREFERRED_SOURCES = (
     "KHR_texture_basisu",
     "KHR_texture_ktx",
@@ -79,7 +81,8 @@ class Textures:
         scale_u, scale_v = transform.numbers("scale", (1.0, 1.0), low=-1e9, high=1e9)
         angle = transform.number("rotation", 0.0, low=-1e9, high=1e9)
         cos, sin = math.cos(angle), math.sin(angle)
-        # A counter-clockwise turn in the image, where v increases downwards.
+        # KHR_texture_transform: uvs are scaled, then turned counter-clockwise in the image (v increases downwards),
+        # then moved.
         matrix = (cos * scale_u, sin * scale_v, u, -sin * scale_u, cos * scale_v, v)
         return Slot(info, index, images, transform.integer("texCoord", uv_set, high=255), matrix)
 
@@ -122,8 +125,9 @@ class Textures:
 
 def images_of(texture: Entry) -> tuple[int, ...]:
     """The numbers of a texture's images, the preferred one first."""
-    users = (*map(texture.extension, _PREFERRED_SOURCES), texture)
-    return tuple(image for user in users if user is not None and (image := user.index("source")) is not None)
+    users = [texture.extension(name) for name in _PREFERRED_SOURCES]
+    images = [user.index("source") for user in (*users, texture) if user is not None]
+    return tuple(image for image in images if image is not None)
 
 
 def _choice(sampler: Entry | None, key: str, default: int, choices: dict[int, Choice]) -> Choice:

@@ -14,7 +14,7 @@ class WholeFileError(SolariError):
     """What is wrong with the data of the whole file, such as a buffer that is cut off, and not with one part of it."""
 
 
-LARGEST_INTEGER = 2**53  # the largest that JSON represents exactly in all programs
+LARGEST_INTEGER = 2**53  # programs that read JSON's numbers as floats of 64 bits represent no larger ones exactly
 
 
 def shown(value: Any) -> str:
@@ -93,7 +93,8 @@ class Entry:
             return default
         given = self.data[key]
         if isinstance(given, list) and len(given) == len(default):
-            fitting = tuple(v for value in given if (v := _within(value, low, high)) is not None)
+            numbers = [_within(value, low, high) for value in given]
+            fitting = tuple(number for number in numbers if number is not None)
             if len(fitting) == len(default):
                 return fitting
         raise self.wrong(key, f"a list of {len(default)} finite numbers{_bounds(low, high)}")
@@ -107,8 +108,7 @@ class Entry:
 
     def integers(self, key: str) -> list[int]:
         """A list of whole numbers from 0, empty when the field is absent."""
-        wanted = "whole numbers from 0"
-        given = self.values(key, wanted, lambda value: (number := whole(value)) is not None and number >= 0)
+        given = self.values(key, "whole numbers from 0", is_index)
         return [int(value) for value in given]
 
     def text(self, key: str, default: str | None = None, choices: tuple[str, ...] = ()) -> str:
@@ -159,6 +159,12 @@ def whole(value: Any) -> int | None:
     return value if isinstance(value, int) and not isinstance(value, bool) else None
 
 
+def is_index(value: Any) -> bool:
+    """Whether a value of the JSON is a whole number from 0."""
+    number = whole(value)
+    return number is not None and number >= 0
+
+
 def _bounds(low: float, high: float) -> str:
     return (f" from {low:g}" if low > -math.inf else "") + (f" to {high:g}" if high < math.inf else "")
 
@@ -171,6 +177,7 @@ def _within(value: Any, low: float, high: float) -> float | None:
         number = float(value)
     except OverflowError:
         return None
+    # 1.0000001 for a factor of at most 1 is a rounding error of an exporter, and becomes 1.
     if not math.isfinite(number) or not low - 1e-6 <= number <= high + 1e-6:
         return None
     return min(max(number, low), high)
