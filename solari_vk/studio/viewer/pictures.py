@@ -20,7 +20,7 @@ from solari_vk.scene.model import Camera, Scene
 from solari_vk.settings import Settings
 from solari_vk.studio.viewer.presenter import Part, pixels_of
 from solari_vk.studio.viewer.reference_picture import ReferencePicture
-from solari_vk.studio.viewer.scaling import Build, Size
+from solari_vk.studio.viewer.scaling import Build, Size, Upscaling
 from solari_vk.studio.viewer.tone_mapped import ToneMapped
 
 MODES = ("realtime", "reference", "split")
@@ -64,8 +64,8 @@ class Pictures:
         self.realtime: Renderer | None = None
         self.reference: ReferencePicture | None = None
         self._raw: ToneMapped | None = None  # the realtime picture without denoising
-        self._upscale = settings.upscale  # what the setting was last set to by the scale; the user may change it
-        self._made_upscale = self._upscale  # what the latest realtime picture was made with
+        self._upscaling = Upscaling(settings)
+        self._made_upscale = 0.0  # `Build.upscale` of the latest realtime picture
         self._build = Build()  # of the latest frame that was rendered
         self._refused: Build | None = None  # the requested build if it failed; `_build` then stays in use
 
@@ -178,16 +178,21 @@ class Pictures:
         made = (display.width, display.height), self._made_upscale, self.realtime.count_rays
         return made == (build.realtime, build.upscale, build.counts_rays)
 
+    @property
+    def upscale(self) -> float:
+        """The factor by which the realtime picture is upscaled: the setting follows the scale until the user changes
+        it, and again when the scale changes."""
+        return self._upscaling.settings.upscale
+
     def _render_realtime(self, camera: Camera, build: Build) -> None:
+        settings = self._upscaling.follow(self.settings, build.upscale)
         if self.realtime is None or self.realtime.count_rays != build.counts_rays:
             made = Renderer(
-                self.device, self.binder, build.realtime, self.settings, seed=self.seed, count_rays=build.counts_rays
+                self.device, self.binder, build.realtime, settings, seed=self.seed, count_rays=build.counts_rays
             )
             if self.realtime is not None:
                 self.realtime.close()
             self.realtime = made
-        if self._upscale != build.upscale:
-            self._upscale = self.settings.upscale = build.upscale
         if self.realtime.size != build.realtime:
             self.realtime.resize(build.realtime)
         if self.realtime.between != self.interrupted:

@@ -105,6 +105,7 @@ def script_text(session: Session, scene_file: str, edits: Sequence[str] = ()) ->
         ]
     else:
         changed = {name: getattr(session.settings, name) for name in DEFAULTS}
+        changed["upscale"] = pictures.upscale
         settings = [
             f"{name}={value!r}"
             for name, value in changed.items()

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import copy
 import math
 from dataclasses import dataclass
 from statistics import median
 
 from solari_vk.base.errors import SolariError, quoted
-from solari_vk.settings import FIELDS
+from solari_vk.settings import FIELDS, Settings
 
 Size = tuple[int, int]
 MIN_SCALE = 0.1
@@ -104,6 +105,34 @@ class Build:
         """
         upscale = min(1 / scale, FIELDS["upscale"].high)
         return cls(_scaled(pixels, scale * upscale), upscale, _scaled(pixels, scale), counts_rays)
+
+
+class Upscaling:
+    """The settings that the realtime renderer has: the user's, but for `upscale`, which follows the scale.
+
+    A value that the user assigns to `upscale` counts until the scale changes. The user's settings stay as they are.
+    """
+
+    def __init__(self, user: Settings) -> None:
+        self.settings = copy.copy(user)
+        self._by_scale = user.upscale  # what the latest scale asked for
+        self._before = user.upscale  # the user's value then
+        self._followed: tuple[Settings, int, float] | None = None  # what `settings` was copied from
+
+    def follow(self, user: Settings, by_scale: float) -> Settings:
+        """`settings`, with the changes that the user has made. by_scale: what the scale asks for."""
+        if by_scale != self._by_scale:
+            self._by_scale = by_scale
+            self._before = user.upscale
+        upscale = by_scale if user.upscale == self._before else user.upscale
+        followed = user, user.revision, upscale
+        if followed != self._followed:
+            for name in FIELDS:
+                value = upscale if name == "upscale" else getattr(user, name)
+                if value != getattr(self.settings, name):
+                    setattr(self.settings, name, value)
+            self._followed = followed
+        return self.settings
 
 
 def _scaled(size: Size, factor: float) -> Size:

@@ -109,7 +109,7 @@ def command_line(session: Session, output: Path) -> str:
     assert pictures.realtime is not None
     words += ["--warm-up", str(pictures.realtime.frame_count - 1), "--frames", "1", "--view", pictures.view]
     for name, default in DEFAULTS.items():
-        value = getattr(session.settings, name)
+        value = pictures.upscale if name == "upscale" else getattr(session.settings, name)
         if value != default:
             words += ["--settings", f"{name}={value}"]
     return shlex.join(words)

@@ -103,7 +103,7 @@ def test_saved_scripts_show_the_clip_and_the_edits(moving_ball, tmp_path):
 def test_saved_scripts_render_the_frames_since_a_change(moving_ball):
     session, _ = moving_ball
     session.pictures.mode, session.pictures.ready = "split", True
-    session.settings.upscale, area = 2.0, session.picture_area
+    session.pictures.upscale, area = 2.0, session.picture_area
     moving = script_text(session, "a.glb")
     assert "range(64)" in moving, "the finished picture's"
     assert f"scene, ({area.width}, {area.height})" in moving

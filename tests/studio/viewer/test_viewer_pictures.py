@@ -43,7 +43,7 @@ def test_the_realtime_picture_has_the_windows_size(show):
         pictures = viewer.pictures
         assert pictures.size == pictures.realtime.size == SIZE
         assert pictures.rendered_size == pytest.approx((96 * scale, 64 * scale), abs=1)
-        assert viewer.settings.upscale == pytest.approx(1 / scale)
+        assert pictures.upscale == pytest.approx(1 / scale)
         assert (viewer.capture() == pictures.realtime["display"][..., :3]).all()
         viewer.act("pick", (30.0, 40.0))
         points.append(viewer.pick.point)
@@ -52,7 +52,7 @@ def test_the_realtime_picture_has_the_windows_size(show):
     viewer.run(frames=2)
     assert viewer.pictures.rendered_size == (64, 43), "a change of the setting lasts until the scale changes"
     show("realtime", 0.5, frames=1)
-    assert viewer.settings.upscale == 2
+    assert (viewer.pictures.upscale, viewer.settings.upscale) == (2, 1.5), "the user's settings stay as they are"
 
 
 # ---- the split view ---------------------------------------------------------------------------------

@@ -64,6 +64,7 @@ class FakePictures:
     device = realtime = reference = None
     ready = False
     mode, view, tonemap, seed, size = "reference", "picture", "agx", 3, (64, 48)
+    upscale = 1.0
 
     def __init__(self, scene):
         self.scene, self.settings = scene, Settings()
