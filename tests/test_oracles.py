@@ -12,7 +12,7 @@ from oracles.rays import World, closest_by_brute_force
 from scipy import stats
 from support import statistics
 
-from solari_vk.lab.conformance import embree_checks
+from solari_vk.lab.embree import intersect_planes
 from solari_vk.lab.measure.statistics import interval
 from solari_vk.scene import shapes
 from solari_vk.scene.builtin import place
@@ -92,7 +92,7 @@ def test_embree_brute_force_and_camera_agree():
     same = embree == brute
     assert same.mean() > 0.999
     assert 0.1 < (embree >= 0).mean() < 0.9
-    found, _ = embree_checks.meet(world.corners, embree, origins, directions)
+    found, _ = intersect_planes(world.corners, embree, origins, directions)
     np.testing.assert_allclose(found[same], distance[same], rtol=1e-9)
     hit = (embree >= 0) & same
     assert (np.einsum("ij,ij->i", world.normals[embree[hit]], directions[hit]) < 0).all(), "mirrored fronts"

@@ -14,8 +14,9 @@
 // SCENE_MASK, of scene/bindings.glsl, is for the `tlas` of a SceneFrame, where 0xFFu hits hidden instances too.
 //
 // A pass with the header `#define RAY_QUERY_DEBUG` ignores each call whose result the document leaves undefined, and
-// counts it in `ray_query_faults`, which `solari_vk.renderers.rt.check_ray_queries` reads. Without this header the behavior of
-// such calls is undefined, with one exception: rays with NaN, infinities or an empty range never hit anything.
+// counts it in `ray_query_faults`, which `solari_vk.renderers.rt.check_ray_queries` reads. Without this header the
+// behavior of such calls is undefined, with one exception: rays with NaN, infinities or an empty range never hit
+// anything.
 // Differs from wgpu: a macro declares queries, because GLSL can't store a query in a structure beside its debug state.
 #ifndef SCENE_RAY_QUERY_GLSL
 #define SCENE_RAY_QUERY_GLSL

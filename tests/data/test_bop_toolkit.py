@@ -9,7 +9,7 @@ import pytest
 
 import solari_vk as sv
 from solari_vk.cli import main
-from solari_vk.lab.conformance.embree_checks import embree_scene
+from solari_vk.lab.embree import embree_scene
 
 pytest.importorskip(
     "bop_toolkit_lib", reason="needs bop_toolkit: python -m pip install git+https://github.com/thodan/bop_toolkit"

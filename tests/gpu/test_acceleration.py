@@ -22,7 +22,7 @@ from solari_vk.gpu.acceleration.tlas import Tlas, TlasBuild
 from solari_vk.gpu.device import raw
 from solari_vk.gpu.device.buffer import Buffer
 from solari_vk.gpu.device.device import Device
-from solari_vk.lab.conformance.worlds import REFITTED, Placed, Triangles, World
+from solari_vk.lab.structures import REFITTED, Placement, Structures, Triangles
 
 
 @pytest.fixture
@@ -130,7 +130,7 @@ def test_refitted_worlds_are_refitted_in_place(device, made, monkeypatch):
         record_build(cmd, count, infos, ranges)
 
     monkeypatch.setattr(device.vk, "vkCmdBuildAccelerationStructuresKHR", note)
-    with World(device, {"quad": [Triangles(quad(0, 0, 0).reshape(2, 3, 3))]}, [Placed("quad")], REFITTED):
+    with Structures(device, {"quad": [Triangles(quad(0, 0, 0).reshape(2, 3, 3))]}, [Placement("quad")], REFITTED):
         top, bottom = (
             raw.VK_ACCELERATION_STRUCTURE_TYPE_TOP_LEVEL_KHR,
             raw.VK_ACCELERATION_STRUCTURE_TYPE_BOTTOM_LEVEL_KHR,

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from solari_vk.lab.conformance import embree_checks
+from solari_vk.lab.embree import embree_scene
 from solari_vk.scene.matrices import transform_points
 
 
@@ -32,7 +32,7 @@ class World:
     def embree_hits(self, origins, directions):
         """The index into `corners` that Embree reports for each ray (N,), -1 for a miss."""
         if self._embree is None:
-            self._embree = embree_checks.embree_scene(self.corners)
+            self._embree = embree_scene(self.corners)
         return self._embree.run(origins.astype(np.float32), directions.astype(np.float32))
 
 

@@ -8,7 +8,7 @@ import pytest
 from support.frames import path_traced_runs
 
 import solari_vk as sv
-from solari_vk.lab.conformance.shader_runner import ShaderRunner
+from solari_vk.lab.shader_runner import ShaderRunner
 
 
 @pytest.fixture

@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from solari_vk.gpu.shaders import compiler
-from solari_vk.lab.conformance.shader_runner import ShaderRunner
+from solari_vk.lab.shader_runner import ShaderRunner
 
 GLSL = Path(__file__).resolve().parents[2] / "glsl"
 KNOWN = []

@@ -3,19 +3,28 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from solari_vk import rt
 from solari_vk.bound.spatial_order import spatial_order
-from solari_vk.gpu.acceleration.tlas import Tlas
-from solari_vk.gpu.frame.frame import HitGroup, Pass, RayPass
 from solari_vk.lab.conformance.probe_checks import run_rays
 from solari_vk.lab.conformance.rules import SUITE, VULKAN, WGPU, Measurement, Rule, count_wrong
-from solari_vk.lab.conformance.shader_runner import ShaderRunner
-from solari_vk.lab.conformance.worlds import IDENTITY, Boxes, Placed, Shapes, Triangles, World
+from solari_vk.lab.shader_runner import ShaderRunner
+from solari_vk.lab.structures import (
+    IDENTITY,
+    Boxes,
+    Placement,
+    Shapes,
+    Structures,
+    Triangles,
+    build_and_trace,
+    bumpy_ball,
+    random_rotation,
+    trace,
+)
 from solari_vk.scene.matrices import transform_directions, transform_points
 
 Floats = NDArray[np.floating]
@@ -31,88 +40,17 @@ _NOT_FINITE = Rule("only invalid rays (NaN, infinity, no direction, empty range)
 _REPLACED = Rule("Vulkan gets a ray that hits nothing in place of each invalid ray", SUITE, "ray_query.glsl")
 _CAUGHT = Rule("the debug build counts each invalid ray", SUITE, "ray_query.glsl")
 NOT_FINITE_RULES = (_NOT_FINITE, _REPLACED, _CAUGHT)
-_TRACE = "passes/conformance/trace"
-_HITS = [HitGroup(f"{_TRACE}.rchit"), HitGroup(f"{_TRACE}.rchit", intersection=f"{_TRACE}.rint")]
 _ONE: Shapes = {"one": [Triangles(np.array([[(-1, -1, 0), (1, -1, 0), (0, 1.5, 0)]]))]}
 _INVALID_RAY = next(row for row, text in enumerate(rt.RULES) if text.startswith("a ray with NaN"))
-
-
-def trace(
-    shaders: ShaderRunner,
-    tlas: Tlas,
-    origins: ArrayLike,
-    directions: ArrayLike,
-    *,
-    t_min: ArrayLike = 0.0,
-    t_max: ArrayLike = 1e30,
-    flags: int = 0,
-    cull_mask: int = 0xFF,
-    box_t: float = 0.0,
-) -> np.ndarray:
-    """The closest hits of N rays: records of t, custom_data, instance, geometry and primitive; t < 0 is a miss.
-
-    Boxes are hit at `box_t`, or ignored when it is 0.
-    """
-    origins, directions = np.broadcast_arrays(np.atleast_2d(origins), np.atleast_2d(directions))
-    rays = np.zeros(len(origins), shaders.element("conformance/trace", "rays"))
-    rays["origin"], rays["direction"], rays["t_min"], rays["t_max"] = origins, directions, t_min, t_max
-    rays["flags"], rays["cull_mask"], rays["box_t"] = flags, cull_mask, box_t
-    step = Pass("conformance/trace", threads=len(rays))
-    if shaders.device.rays == "pipeline":
-        step = RayPass(step.name, threads=len(rays), misses=[f"{_TRACE}.rmiss"], hits=_HITS)
-    return shaders.run_steps([step], {"tlas": tlas, "rays": rays}, {"hits": len(rays)})["hits"]
-
-
-def trace_world(
-    shaders: ShaderRunner,
-    shapes: Shapes,
-    placed: Sequence[Placed],
-    origins: ArrayLike,
-    directions: ArrayLike,
-    *,
-    damage: Callable[[np.ndarray], None] | None = None,
-    box_t: float = 0.0,
-) -> np.ndarray:
-    """`trace` in a world of its own; see `World`."""
-    with World(shaders.device, shapes, placed, damage=damage) as world:
-        return trace(shaders, world.tlas, origins, directions, box_t=box_t)
-
-
-def turn(random: np.random.Generator) -> NDArray[np.float64]:
-    """A random rotation (3, 3)."""
-    q, r = np.linalg.qr(random.normal(size=(3, 3)))
-    q *= np.sign(np.diag(r))
-    return q * np.sign(np.linalg.det(q))  # type: ignore[no-any-return]
-
-
-def bumpy_ball(segments: int, bumps: float, seed: int = 0) -> NDArray[np.float32]:
-    """About 2 * segments^2 thin, uneven triangles (T, 3, 3), in spatial order, that close a ball around the origin."""
-    random = np.random.default_rng(seed)
-    rings = segments
-    polar, around = np.meshgrid(
-        np.linspace(0, np.pi, rings + 1), np.arange(segments) * (2 * np.pi / segments), indexing="ij"
-    )
-    radius = 1 + bumps * np.sin(polar) * random.uniform(-1, 1, polar.shape)
-    sine = np.sin(polar)
-    sine[[0, -1]] = 0
-    points = np.stack([sine * np.cos(around), np.cos(polar), sine * np.sin(around)], -1) * radius[..., None]
-    points = points.astype(np.float32)
-    a, b = points[:-1], points[1:]
-    c, d = np.roll(b, -1, axis=1), np.roll(a, -1, axis=1)
-    corners = np.concatenate([np.stack([a, c, b], 2).reshape(-1, 3, 3), np.stack([a, d, c], 2).reshape(-1, 3, 3)])
-    area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
-    corners = corners[area > 0]
-    ordered: NDArray[np.float32] = corners[spatial_order(corners.min(axis=1), corners.max(axis=1))]
-    return ordered
 
 
 def _place(name: str) -> NDArray[np.float64]:
     matrix = IDENTITY.copy()
     if name == "turned and far":
-        matrix[:, :3] = turn(np.random.default_rng(3))
+        matrix[:, :3] = random_rotation(np.random.default_rng(3))
         matrix[:, 3] = 100, -30, 50
     elif name == "stretched and mirrored":
-        matrix[:, :3] = turn(np.random.default_rng(4)) @ np.diag((-10, 0.1, 1.0))
+        matrix[:, :3] = random_rotation(np.random.default_rng(4)) @ np.diag((-10, 0.1, 1.0))
     elif name == "small":
         matrix[:, :3] *= 1e-3
     return matrix
@@ -138,14 +76,14 @@ def measure_watertight(shaders: ShaderRunner) -> Iterator[Measurement]:
     }
     through = dict.fromkeys(targets, 0)
     for place in PLACES:
-        matrix = Placed("ball", _place(place)).matrix
+        matrix = Placement("ball", _place(place)).matrix
         for shape in shapes:
-            with World(shaders.device, shapes, [Placed(shape, matrix)]) as world:
+            with Structures(shaders.device, shapes, [Placement(shape, matrix)]) as structures:
                 for name, (of, points, eye) in targets.items():
                     if of == shape:
                         origins = random.normal(size=points.shape) * 0.05 + eye
                         directions = transform_directions(matrix, points - origins)
-                        hits = trace(shaders, world.tlas, transform_points(matrix, origins), directions)
+                        hits = trace(shaders, structures.tlas, transform_points(matrix, origins), directions)
                         through[name] += int((hits["t"] < 0).sum())
     for name, (_, points, _) in targets.items():
         rule = Rule(f"{_WATERTIGHT}: {name}", VULKAN, "Ray Traversal: Watertightness")
@@ -170,11 +108,11 @@ def measure_many_instances(shaders: ShaderRunner, count: int) -> Iterator[Measur
     custom = (np.arange(count) * 2654435761) & 0xFFFFFF
     placed, origins, directions = [], [], []
     for at, data in zip(places, custom, strict=True):
-        matrix = np.concatenate([turn(random) * random.choice((-1, 1)), at[:, None]], axis=1)
-        placed.append(Placed("one", matrix, custom=int(data)))
+        matrix = np.concatenate([random_rotation(random) * random.choice((-1, 1)), at[:, None]], axis=1)
+        placed.append(Placement("one", matrix, custom=int(data)))
         origins.append(at + matrix[:, 2] * 1.5)
         directions.append(-matrix[:, 2])
-    hits = trace_world(shaders, _ONE, placed, np.array(origins), np.array(directions))
+    hits = build_and_trace(shaders, _ONE, placed, np.array(origins), np.array(directions))
     wrong = (hits["instance"] != np.arange(count)) | (hits["custom_data"] != custom) | (hits["t"] < 0)
     wrong |= np.abs(hits["t"] - 1.5) > 1e-3
     yield Measurement(_CUSTOM, float(wrong.sum()), unit=f"of {count:,}")
@@ -197,14 +135,14 @@ def measure_extreme_transforms(shaders: ShaderRunner) -> Iterator[Measurement]:
     meters = dict.fromkeys((1e-6, 1.0, 1e6), (0.0, 0.0, 0.0, ""))  # error / bar, error in meters, bar, case
     for size, stretch, far in _extreme_cases():
         matrix = np.zeros((3, 4))
-        matrix[:, :3] = turn(random) @ np.diag((1.0, stretch, 1.0)) * size
+        matrix[:, :3] = random_rotation(random) @ np.diag((1.0, stretch, 1.0)) * size
         matrix[:, 3] = np.array((1.0, -0.6, 0.3)) * far
-        placed = Placed("one", matrix)
+        placed = Placement("one", matrix)
         exact = placed.matrix
         origins = transform_points(exact, np.array([(0.1, 0.05, 1.5)]))
         directions = transform_directions(exact, np.array([(0.02, -0.05, -1.0)]))
         label = f"size {size:g}, stretch {stretch:g}, place {far:g}"
-        (hit,) = trace_world(shaders, _ONE, [placed], origins, directions)
+        (hit,) = build_and_trace(shaders, _ONE, [placed], origins, directions)
         if not hit["t"] >= 0:
             missed.append(label)
             continue
@@ -230,12 +168,13 @@ def measure_thin_triangles(shaders: ShaderRunner) -> Iterator[Measurement]:
     """t of thin triangles at a distance of 1, against float64. An error of t lets rays meet the triangle they leave."""
     random = np.random.default_rng(13)
     shape = np.array([(-0.4, 0, 0), (0.6, 0, 0), (0, 1e-3, 0)])
-    corners = np.array([shape @ turn(random) + random.normal(size=3) for _ in range(2000)], np.float32).astype(float)
+    soup = [shape @ random_rotation(random) + random.normal(size=3) for _ in range(2000)]
+    corners = np.array(soup, np.float32).astype(float)
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
     directions = (0.3 * random.normal(size=normals.shape) - normals).astype(np.float32)
     origins = (corners.mean(axis=1) - directions).astype(np.float32)
-    hits = trace_world(shaders, {"soup": [Triangles(corners)]}, [Placed("soup")], origins, directions)
+    hits = build_and_trace(shaders, {"soup": [Triangles(corners)]}, [Placement("soup")], origins, directions)
     exact = np.sum((corners[:, 0] - origins) * normals, axis=1) / np.sum(directions * normals, axis=1)
     missed, own = hits["t"] < 0, hits["primitive"] == np.arange(len(corners))
     found = corners[np.minimum(hits["primitive"], len(corners) - 1)]
@@ -273,9 +212,9 @@ def measure_not_finite(shaders: ShaderRunner) -> Iterator[Measurement]:
     rays = np.zeros(len(table), shaders.element("conformance/probe", "probes"))
     rays["origin"], rays["direction"], rays["t_min"], rays["t_max"] = table[:, :3], table[:, 3:6], *table[:, 6:].T
     rays["cull_mask"] = 0xFF
-    with World(shaders.device, shapes, [Placed("wall"), Placed("box")]) as world:
-        released, _ = run_rays(shaders, world, rays)
-        caught, faults = run_rays(shaders, world, rays, "debug build")
+    with Structures(shaders.device, shapes, [Placement("wall"), Placement("box")]) as structures:
+        released, _ = run_rays(shaders, structures, rays)
+        caught, faults = run_rays(shaders, structures, rays, "debug build")
     wrong, missed = (np.flatnonzero((found["committed"]["kind"] != 0) != valid) for found in (released, caught))
     yield count_wrong(_NOT_FINITE, [labels[i] for i in wrong])
     given = np.column_stack([released[name] for name in ("world_origin", "world_direction", "t_min")])

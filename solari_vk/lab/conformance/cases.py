@@ -7,9 +7,10 @@ from dataclasses import dataclass
 from typing import Any
 
 from solari_vk.gpu.device.device import Device
+from solari_vk.lab.conformance.outcomes import UNSUPPORTED
 from solari_vk.lab.conformance.recorder import Recorder
-from solari_vk.lab.conformance.rules import UNSUPPORTED, Measurement, Rule
-from solari_vk.lab.conformance.shader_runner import ShaderRunner
+from solari_vk.lab.conformance.rules import Measurement, Rule
+from solari_vk.lab.shader_runner import ShaderRunner
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,7 @@ from multiprocessing.process import BaseProcess
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from solari_vk.lab.conformance.rules import CRASH, HANG, Check
+from solari_vk.lab.conformance.outcomes import CRASH, HANG, Check
 from solari_vk.lab.conformance.worker import Began, Tell, Work, measure_checks
 
 LEAVING = "leaving the process"

@@ -2,32 +2,21 @@
 
 from __future__ import annotations
 
-import importlib
 from collections.abc import Iterator
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from solari_vk.bound.spatial_order import spatial_order
-from solari_vk.lab.conformance.bulk_checks import bumpy_ball, trace, turn
 from solari_vk.lab.conformance.rules import VULKAN, Measurement, Rule
-from solari_vk.lab.conformance.shader_runner import ShaderRunner
-from solari_vk.lab.conformance.worlds import IDENTITY, Placed, Triangles, World
+from solari_vk.lab.embree import embree_scene, intersect_planes
+from solari_vk.lab.shader_runner import ShaderRunner
+from solari_vk.lab.structures import IDENTITY, Placement, Structures, Triangles, bumpy_ball, random_rotation, trace
 from solari_vk.scene.matrices import transform_points
 
 SCENES = ("soup", "instanced", "mesh of a million")
 _NEAR = 1e-4  # share of the scene's extent; closer to an edge than this, either triangle may be the hit
 _BATCH = 1 << 18
-
-
-def available() -> bool:
-    """Whether Embree's Python package is installed and works."""
-    try:
-        importlib.import_module("embreex.rtcore_scene")
-    except ImportError:
-        return False
-    return True
 
 
 def rules(scene: str) -> list[Rule]:
@@ -46,54 +35,21 @@ def _soup(random: np.random.Generator, count: int) -> NDArray[np.float64]:
     return centers[:, None] + random.normal(size=(count, 3, 3)) * 0.04
 
 
-def _scene(name: str, small: bool) -> tuple[dict[str, list[Triangles]], list[Placed]]:
+def _scene(name: str, small: bool) -> tuple[dict[str, list[Triangles]], list[Placement]]:
     random = np.random.default_rng(15)
     if name == "soup":
-        return {"soup": [Triangles(_soup(random, 5_000 if small else 50_000))]}, [Placed("soup")]
+        return {"soup": [Triangles(_soup(random, 5_000 if small else 50_000))]}, [Placement("soup")]
     if name == "mesh of a million":
-        return {"mesh": [Triangles(bumpy_ball(708, 0.02))]}, [Placed("mesh")]
+        return {"mesh": [Triangles(bumpy_ball(708, 0.02))]}, [Placement("mesh")]
     shapes = {"ball": [Triangles(bumpy_ball(12, 0.3))], "soup": [Triangles(_soup(random, 100))]}
     places = random.uniform(-6, 6, (200 if small else 1000, 3))
     placed = []
     for i, at in enumerate(places[spatial_order(places)]):
         matrix = IDENTITY.copy()
-        matrix[:, :3] = turn(random) @ np.diag(random.uniform(0.3, 1.5, 3) * random.choice((-1, 1), 3))
+        matrix[:, :3] = random_rotation(random) @ np.diag(random.uniform(0.3, 1.5, 3) * random.choice((-1, 1), 3))
         matrix[:, 3] = at
-        placed.append(Placed(("ball", "soup")[i % 2], matrix))
+        placed.append(Placement(("ball", "soup")[i % 2], matrix))
     return shapes, placed
-
-
-def embree_scene(corners: NDArray[Any]) -> Any:
-    """Embree's scene of triangles (T, 3, 3); its `run(origins, directions)` gives the closest one's index, or -1."""
-    scene = importlib.import_module("embreex.rtcore_scene").EmbreeScene(robust=True)
-    vertices = corners.reshape(-1, 3).astype(np.float32)
-    indices = np.arange(len(vertices), dtype=np.int32).reshape(-1, 3)
-    importlib.import_module("embreex.mesh_construction").TriangleMesh(scene, vertices, indices)
-    return scene
-
-
-def meet(
-    corners: NDArray[Any], index: NDArray[Any], origins: NDArray[Any], directions: NDArray[Any]
-) -> tuple[Any, Any]:
-    """t at the planes of triangles (N,) in float64, and the distance to the nearest edge; inf for index -1."""
-    t, edge = np.full(len(index), np.inf), np.full(len(index), np.inf)
-    hit = np.flatnonzero(index >= 0)
-    hits = corners[index[hit]], origins[hit], directions[hit]
-    corners, origins, directions = (values.astype(np.float64) for values in hits)
-    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    with np.errstate(divide="ignore", invalid="ignore"):
-        t[hit] = _dot(corners[:, 0] - origins, normal) / _dot(directions, normal)
-        points = origins + t[hit, None] * directions
-    for i in range(3):
-        along = corners[:, (i + 1) % 3] - corners[:, i]
-        part = np.clip(_dot(points - corners[:, i], along) / np.maximum(_dot(along, along), 1e-300), 0, 1)
-        apart = np.linalg.norm(points - corners[:, i] - part[:, None] * along, axis=1)
-        edge[hit] = np.fmin(edge[hit], apart)
-    return t, edge
-
-
-def _dot(a: NDArray[Any], b: NDArray[Any]) -> NDArray[Any]:
-    return np.einsum("ij,ij->i", a, b)  # type: ignore[no-any-return]
 
 
 def measure(shaders: ShaderRunner, scene: str, count: int, small: bool = False) -> Iterator[Measurement]:
@@ -108,14 +64,14 @@ def measure(shaders: ShaderRunner, scene: str, count: int, small: bool = False) 
     random = np.random.default_rng(16)
     unexcused = excused = 0
     worst = 0.0
-    with World(shaders.device, shapes, placed) as world:
+    with Structures(shaders.device, shapes, placed) as structures:
         for start in range(0, count, _BATCH):
             size = min(_BATCH, count - start)
             origins = (middle + random.uniform(-1.5, 1.5, (size, 3)) * half).astype(np.float32)
             targets = middle + random.uniform(-0.9, 0.9, (size, 3)) * half
             directions = (targets - origins).astype(np.float32)
             directions /= np.linalg.norm(directions, axis=1, keepdims=True)
-            hits = trace(shaders, world.tlas, origins, directions)
+            hits = trace(shaders, structures.tlas, origins, directions)
             found = np.where(
                 hits["t"] < 0,
                 -1,
@@ -123,8 +79,8 @@ def measure(shaders: ShaderRunner, scene: str, count: int, small: bool = False) 
             )
             found = np.minimum(found, len(corners) - 1)
             right = oracle.run(origins, directions)
-            t_found, edge_found = meet(corners, found, origins, directions)
-            t_right, edge_right = meet(corners, right, origins, directions)
+            t_found, edge_found = intersect_planes(corners, found, origins, directions)
+            t_right, edge_right = intersect_planes(corners, right, origins, directions)
             differs = found != right
             with np.errstate(invalid="ignore"):
                 level = np.abs(t_found - t_right) <= 1e-6 * extent

@@ -14,7 +14,7 @@ from solari_vk.lab.conformance import (
 )
 from solari_vk.lab.conformance.cases import Measure, by, cases_of
 from solari_vk.lab.conformance.ray_cases import parts as parts
-from solari_vk.lab.conformance.worlds import FRESH, WAYS
+from solari_vk.lab.structures import BUILD_MODES, FRESH
 
 RAYS = {"ray_pipelines": "pipeline", "ray_queries": "query"}
 """The way to trace that a group is about. The suite opens the device for it, unless it is told another way."""
@@ -27,7 +27,7 @@ GROUPS: dict[str, dict[str, Measure]] = {
             "triangle",
             "box",
         ),
-        "ways": lambda run: structure_checks.measure_ways(run.shaders),
+        "ways": lambda run: structure_checks.measure_build_modes(run.shaders),
         "formats": lambda run: structure_checks.measure_formats(run.shaders),
         "indices": lambda run: structure_checks.measure_indices(run.shaders),
         "nothing": lambda run: structure_checks.measure_nothing(run.shaders),
@@ -36,7 +36,7 @@ GROUPS: dict[str, dict[str, Measure]] = {
         **cases_of("large_tlas", ray_cases.large_tlas, 100_000, 1_000_000),
     },
     "ray_pipelines": {
-        **cases_of("probes", ray_cases.ray_probes, *WAYS),
+        **cases_of("probes", ray_cases.ray_probes, *BUILD_MODES),
         "records": by(
             "pipeline", ray_pipeline_checks.RECORD_RULES, lambda run: ray_pipeline_checks.measure_records(run.shaders)
         ),
@@ -48,7 +48,7 @@ GROUPS: dict[str, dict[str, Measure]] = {
         ),
     },
     "ray_queries": {
-        **cases_of("probes", ray_cases.probes, *WAYS),
+        **cases_of("probes", ray_cases.probes, *BUILD_MODES),
         **cases_of("probes", ray_cases.probes, *((FRESH, stage) for stage in probe_checks.STAGES[1:])),
         "not_finite": by("query", bulk_checks.NOT_FINITE_RULES, lambda r: bulk_checks.measure_not_finite(r.shaders)),
         "vertex_return": by("query", position_checks.RULES.values(), ray_cases.vertex_return),

@@ -12,8 +12,8 @@ from solari_vk.lab.conformance.probe_checks import probe_rays
 from solari_vk.lab.conformance.probe_table import PROBES
 from solari_vk.lab.conformance.probes import INSTANCES, SHAPES, TRIANGLE, Probe, call_rule
 from solari_vk.lab.conformance.rules import Measurement
-from solari_vk.lab.conformance.shader_runner import ShaderRunner
-from solari_vk.lab.conformance.worlds import Triangles, World
+from solari_vk.lab.shader_runner import ShaderRunner
+from solari_vk.lab.structures import Structures, Triangles
 
 RULES = {
     (which, several): call_rule(f"get{which.capitalize()}HitVertexPositions, {count}")
@@ -25,8 +25,8 @@ RULES = {
 def measure_positions(shaders: ShaderRunner, probes: Sequence[Probe], header: str = "") -> Iterator[Measurement]:
     """Compare returned positions with the geometry, after its transform, for each triangle that a probe must hit."""
     rays = probe_rays(shaders.element("conformance/positions", "probes"), probes)
-    with World(shaders.device, SHAPES, list(INSTANCES.values())) as world:
-        inputs = {"tlas": world.tlas, "probes": rays}
+    with Structures(shaders.device, SHAPES, list(INSTANCES.values())) as structures:
+        inputs = {"tlas": structures.tlas, "probes": rays}
         outputs = {"corners": len(rays), **(rt.FAULT_BUFFERS if header else {})}
         found = shaders.run("conformance/positions", len(rays), inputs, outputs, header=header)["corners"]
     for (which, several), rule in RULES.items():

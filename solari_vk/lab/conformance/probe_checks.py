@@ -14,8 +14,8 @@ from solari_vk.lab.conformance.probe_actions import STEP_LIMIT
 from solari_vk.lab.conformance.probe_table import PROBES
 from solari_vk.lab.conformance.probes import AABB, INSTANCES, SHAPES, TRIANGLE, Expected, Probe, call_rule, hit_rule
 from solari_vk.lab.conformance.rules import SUITE, VULKAN, Measurement, Rule, count_wrong
-from solari_vk.lab.conformance.shader_runner import ShaderRunner
-from solari_vk.lab.conformance.worlds import Placed, Triangles, World
+from solari_vk.lab.shader_runner import ShaderRunner
+from solari_vk.lab.structures import Placement, Structures, Triangles
 from solari_vk.scene.matrices import by_columns
 
 _ORDER = list(INSTANCES)
@@ -43,11 +43,11 @@ STAGES = ("compute", "debug build", "fragment")
 
 
 def run_rays(
-    shaders: ShaderRunner, world: World, rays: np.ndarray, stage: str = STAGES[0]
+    shaders: ShaderRunner, structures: Structures, rays: np.ndarray, stage: str = STAGES[0]
 ) -> tuple[np.ndarray, np.ndarray]:
     """The answer of each ray in one of STAGES, and how often the debug build found each of rt.RULES broken."""
     faults = np.zeros(len(rt.RULES), [("count", "<u4"), ("invocation", "<u4", 3)])
-    inputs = {"tlas": world.tlas, "probes": rays}
+    inputs = {"tlas": structures.tlas, "probes": rays}
     outputs: dict[str, int | np.ndarray] = {"answers": len(rays)}
     if stage == "compute":
         return shaders.run("conformance/probe", len(rays), inputs, outputs)["answers"], faults["count"]
@@ -83,7 +83,7 @@ def rules() -> list[Rule]:
 
 def measure_probes(
     shaders: ShaderRunner,
-    world: World,
+    structures: Structures,
     stage: str = STAGES[0],
     probes: Sequence[Probe] = PROBES,
     damage: Callable[[np.ndarray], None] | None = None,
@@ -93,7 +93,7 @@ def measure_probes(
     sent = rays.copy()
     if damage is not None:
         damage(sent)
-    answers, faults = run_rays(shaders, world, sent, stage)
+    answers, faults = run_rays(shaders, structures, sent, stage)
     yield from _measure([Checked(*item) for item in zip(probes, rays, answers, strict=True)])
     if stage == "debug build":
         yield count_wrong(_NO_FAULTS, [rule for rule, count in zip(rt.RULES, faults, strict=True) if count])
@@ -164,7 +164,7 @@ class Checked:
     def __init__(self, probe: Probe, ray: np.void, answer: np.void) -> None:
         self.probe, self.ray, self.answer = probe, ray, answer
         self.steps = int(answer["steps"])
-        self.placed: Placed = INSTANCES[probe.on]
+        self.placed: Placement = INSTANCES[probe.on]
         matrix = self.placed.matrix
         self.inverse = np.linalg.inv(matrix[:, :3])
         self.origin = self.inverse @ (ray["origin"].astype(np.float64) - matrix[:, 3])

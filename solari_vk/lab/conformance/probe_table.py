@@ -42,9 +42,20 @@ from solari_vk.lab.conformance.probes import (
 ) = RayFlags
 _HIT = Expected(TRIANGLE, 2.0)
 _BACK_HIT = Expected(TRIANGLE, 2.0, front=False)
+# From below, at the back of triangles.
 _BELOW: dict[str, Any] = {"origin": (0.5, 0.25, -2.0), "direction": (0.0, 0.0, 1.0)}
+# Down through the middle of the first unit box, whose top is 2 below the origin.
+_DOWN: dict[str, Any] = {"origin": (0.5, 0.5, 3.0)}
+# Through the three unit boxes, 1 before the first.
+_ALONG_X: dict[str, Any] = {"origin": (-1, 0.5, 0.5), "direction": (1, 0, 0)}
 _LAYERS = (2.0, 3.0, 4.0, 5.0)
 _ANY_LAYER = Expected(TRIANGLE, None, primitive=None)
+
+
+def _hits_at(t: float, more: int = 0) -> dict[str, Any]:
+    """A probe's action in each box that its ray meets: to generate a hit at t."""
+    return {"action": GENERATE_AT | more, "parameter": t}
+
 
 _no_flag = flag_rule("no flag: opaque triangles are committed, others are candidates")
 _force = flag_rule("FORCE_OPAQUE: all triangles are committed without being candidates")
@@ -105,34 +116,29 @@ FLAGS = [
         _first,
         "boxes",
         Expected(GENERATED, None, primitive=None),
-        origin=(-1, 0.5, 0.5),
-        direction=(1, 0, 0),
         flags=TERMINATE_ON_FIRST_HIT,
         action=GENERATE_SPHERE,
         among=(1.0, 3.0, 5.0),
+        **_ALONG_X,
     ),
     Probe(
         "first of boxes, hit beyond them",
         _first,
         "boxes",
         Expected(GENERATED, 50.0, primitive=None),
-        origin=(-1, 0.5, 0.5),
-        direction=(1, 0, 0),
         flags=TERMINATE_ON_FIRST_HIT,
-        action=GENERATE_AT,
-        parameter=50.0,
+        **_hits_at(50.0),
         candidates=1,
+        **_ALONG_X,
     ),
     Probe(
         "all boxes, hit beyond them",
         _first,
         "boxes",
         Expected(GENERATED, 50.0, primitive=None),
-        origin=(-1, 0.5, 0.5),
-        direction=(1, 0, 0),
-        action=GENERATE_AT,
-        parameter=50.0,
+        **_hits_at(50.0),
         candidates=3,
+        **_ALONG_X,
     ),
     Probe(
         "nothing confirmed", _first, "glass stack", None, flags=TERMINATE_ON_FIRST_HIT, action=PASS_OVER, candidates=4
@@ -155,7 +161,7 @@ FLAGS = [
         _cull,
         "opaque boxes",
         None,
-        origin=(0.5, 0.5, 3.0),
+        **_DOWN,
         flags=CULL_OPAQUE,
         action=GENERATE_SPHERE,
         candidates=0,
@@ -170,20 +176,11 @@ FLAGS = [
         _no_triangles,
         "boxes",
         Expected(GENERATED, 2.0),
-        origin=(0.5, 0.5, 3.0),
+        **_DOWN,
         flags=SKIP_TRIANGLES,
         action=GENERATE_SPHERE,
     ),
-    Probe(
-        "boxes skipped",
-        _no_boxes,
-        "boxes",
-        None,
-        origin=(0.5, 0.5, 3.0),
-        flags=SKIP_AABBS,
-        action=GENERATE_SPHERE,
-        candidates=0,
-    ),
+    Probe("boxes skipped", _no_boxes, "boxes", None, **_DOWN, flags=SKIP_AABBS, action=GENERATE_SPHERE, candidates=0),
     Probe("boxes skipped, triangle", _no_boxes, "opaque", _HIT, flags=SKIP_AABBS),
 ]
 
@@ -218,7 +215,7 @@ RANGE = [
     Probe("infinite t_max", _most, "opaque", _HIT, t_max=math.inf),
     Probe("nothing between", _most, "wall", None, t_min=2.25, t_max=2.75),
     Probe("two layers between", _most, "glass stack", None, t_min=2.5, t_max=4.5, action=PASS_OVER, candidates=2),
-    Probe("box beyond t_max", _most, "boxes", None, origin=(0.5, 0.5, 3.0), t_max=1.9, action=GENERATE_SPHERE),
+    Probe("box beyond t_max", _most, "boxes", None, **_DOWN, t_max=1.9, action=GENERATE_SPHERE),
     Probe("twice as long", _scale, "opaque", Expected(TRIANGLE, 1.0), direction=(0, 0, -2)),
     Probe("thousandth", _scale, "opaque", Expected(TRIANGLE, 2048.0), direction=(0, 0, -1 / 1024), t_max=1e4),
     Probe("thousand", _scale, "opaque", Expected(TRIANGLE, 2 / 1024), direction=(0, 0, -1024)),
@@ -288,8 +285,7 @@ GETTERS = [
         "two lists of boxes",
         Expected(GENERATED, 1.5, 1, 1),
         origin=(2.5, 2.5, 2.5),
-        action=GENERATE_AT,
-        parameter=1.5,
+        **_hits_at(1.5),
     ),
     *(
         Probe(label, _moved, label, Expected(TRIANGLE, 2.0), origin=(0.3, 0.9, 2.0), direction=(0.1, -0.2, -1.0))
@@ -305,11 +301,10 @@ _confirm, _end = (
     call_rule("rayQueryConfirmIntersection commits the candidate triangle"),
     call_rule("rayQueryTerminate ends the search and keeps what is committed"),
 )
-_UP: dict[str, Any] = {"origin": (0.5, 0.5, 3.0)}
 _BALL = 2.5 - math.sqrt(3) / 4  # 0.25 beside the center of a ball of radius 0.5
 CALLS = [
-    Probe("box passed over", _candidate, "boxes", None, action=PASS_OVER, candidate=Expected(AABB, None), **_UP),
-    Probe("opaque box", _candidate, "opaque boxes", None, action=PASS_OVER, candidate=Expected(AABB, None), **_UP),
+    Probe("box passed over", _candidate, "boxes", None, action=PASS_OVER, candidate=Expected(AABB, None), **_DOWN),
+    Probe("opaque box", _candidate, "opaque boxes", None, action=PASS_OVER, candidate=Expected(AABB, None), **_DOWN),
     Probe(
         "opaque box by the ray",
         _candidate,
@@ -318,19 +313,11 @@ CALLS = [
         action=PASS_OVER,
         flags=FORCE_OPAQUE,
         candidate=Expected(AABB, None),
-        **_UP,
+        **_DOWN,
     ),
+    Probe("generated at 2.25", _generate, "boxes", Expected(GENERATED, 2.25), **_hits_at(2.25), **_DOWN),
     Probe(
-        "generated at 2.25", _generate, "boxes", Expected(GENERATED, 2.25), action=GENERATE_AT, parameter=2.25, **_UP
-    ),
-    Probe(
-        "generated before a wall",
-        _generate,
-        "boxes over a wall",
-        Expected(GENERATED, 2.25),
-        action=GENERATE_AT,
-        parameter=2.25,
-        **_UP,
+        "generated before a wall", _generate, "boxes over a wall", Expected(GENERATED, 2.25), **_hits_at(2.25), **_DOWN
     ),
     Probe(
         "generated behind a wall",
@@ -338,30 +325,19 @@ CALLS = [
         "wall in boxes",
         Expected(TRIANGLE, 2.5),
         origin=(0.5, 0.5, 2.5),
-        action=GENERATE_AT,
-        parameter=2.75,
+        **_hits_at(2.75),
     ),
     Probe(
         "generated ever nearer",
         _generate,
         "boxes",
         Expected(GENERATED, 48.0, primitive=None),
-        origin=(-1, 0.5, 0.5),
-        direction=(1, 0, 0),
-        action=GENERATE_AT | NEARER,
-        parameter=50.0,
+        **_hits_at(50.0, NEARER),
         candidates=3,
+        **_ALONG_X,
     ),
-    Probe(
-        "generated in an opaque box",
-        _generate,
-        "opaque boxes",
-        Expected(GENERATED, 2.5),
-        action=GENERATE_AT,
-        parameter=2.5,
-        **_UP,
-    ),
-    Probe("ball", _generate, "boxes", Expected(GENERATED, 2.0), action=GENERATE_SPHERE, **_UP),
+    Probe("generated in an opaque box", _generate, "opaque boxes", Expected(GENERATED, 2.5), **_hits_at(2.5), **_DOWN),
+    Probe("ball", _generate, "boxes", Expected(GENERATED, 2.0), action=GENERATE_SPHERE, **_DOWN),
     Probe(
         "ball beside its middle",
         _generate,
@@ -371,15 +347,7 @@ CALLS = [
         action=GENERATE_SPHERE,
     ),
     Probe("past the ball, in its box", _generate, "boxes", None, origin=(0.03, 0.03, 3.0), action=GENERATE_SPHERE),
-    Probe(
-        "closest of three balls",
-        _generate,
-        "boxes",
-        Expected(GENERATED, 1.0),
-        origin=(-1, 0.5, 0.5),
-        direction=(1, 0, 0),
-        action=GENERATE_SPHERE,
-    ),
+    Probe("closest of three balls", _generate, "boxes", Expected(GENERATED, 1.0), action=GENERATE_SPHERE, **_ALONG_X),
     Probe(
         "closest from the other side",
         _generate,
@@ -415,25 +383,15 @@ CALLS = [
     Probe(
         "confirmed and ended", _end, "glass stack", _ANY_LAYER, action=CONFIRM | TERMINATE, among=_LAYERS, candidates=1
     ),
-    Probe(
-        "generated and ended",
-        _end,
-        "boxes",
-        Expected(GENERATED, 2.25),
-        action=GENERATE_AT | TERMINATE,
-        parameter=2.25,
-        **_UP,
-    ),
+    Probe("generated and ended", _end, "boxes", Expected(GENERATED, 2.25), **_hits_at(2.25, TERMINATE), **_DOWN),
     Probe(
         "generated beyond the boxes and ended",
         _end,
         "boxes",
         Expected(GENERATED, 50.0, primitive=None),
-        origin=(-1, 0.5, 0.5),
-        direction=(1, 0, 0),
-        action=GENERATE_AT | TERMINATE,
-        parameter=50.0,
+        **_hits_at(50.0, TERMINATE),
         candidates=1,
+        **_ALONG_X,
     ),
 ]
 

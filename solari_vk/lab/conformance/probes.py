@@ -15,13 +15,13 @@ from numpy.typing import NDArray
 from solari_vk.gpu.frame.ray_query_constants import IntersectionKind
 from solari_vk.lab.conformance.probe_actions import CONFIRM
 from solari_vk.lab.conformance.rules import VULKAN, WGPU, Rule
-from solari_vk.lab.conformance.worlds import (
+from solari_vk.lab.structures import (
     CULL_DISABLE,
     FLIP_FACING,
     INSTANCE_NO_OPAQUE,
     INSTANCE_OPAQUE,
     Boxes,
-    Placed,
+    Placement,
     Triangles,
 )
 
@@ -62,7 +62,7 @@ _TURN = np.array([(0.6, 0, 0.8), (0, 1, 0), (-0.8, 0, 0.6)])
 _SHEAR = np.array([(2.0, 0.5, 0.0), (0.0, 0.75, -0.25), (0.0, 0.0, 0.5)])
 
 
-def _instances() -> dict[str, Placed]:
+def _instances() -> dict[str, Placement]:
     """The instances by label, 10 apart."""
     linear = {
         "mirrored": np.diag((-1.0, 1, 1)),
@@ -103,7 +103,7 @@ def _instances() -> dict[str, Placed]:
         "inactive": {"active": False},
         "mask 00": {"mask": 0x00},
     }
-    found: dict[str, Placed] = {}
+    found: dict[str, Placement] = {}
     for place, (label, fields) in enumerate(told.items()):
         matrix = np.zeros((3, 4))
         matrix[:, :3] = linear.get(label, np.eye(3))
@@ -111,7 +111,7 @@ def _instances() -> dict[str, Placed]:
         if label == "wall in boxes":  # halfway up the boxes, so that one ray meets both
             matrix[:, 3] = found["boxes over a wall"].transform[:, 3] + (0, 0, 0.5)
         default = {"shape": "opaque", "custom": 3 * place + 1}
-        found[label] = Placed(**{**default, **fields}, transform=matrix)  # type: ignore[arg-type]
+        found[label] = Placement(**{**default, **fields}, transform=matrix)  # type: ignore[arg-type]
     return found
 
 

@@ -7,28 +7,30 @@ from collections.abc import Iterable
 from solari_vk.gpu.frame.raster import NEEDED
 from solari_vk.lab.conformance import embree_checks, position_checks, probe_checks, ray_probe_checks, structure_checks
 from solari_vk.lab.conformance.cases import Run, by
+from solari_vk.lab.conformance.outcomes import ERROR, NOT_RUN, UNSUPPORTED, Check
 from solari_vk.lab.conformance.probe_table import PROBES
 from solari_vk.lab.conformance.probes import INSTANCES, SHAPES, Probe, call_rule
-from solari_vk.lab.conformance.rules import ERROR, NOT_RUN, UNSUPPORTED, Check, Measurement
-from solari_vk.lab.conformance.worlds import World
+from solari_vk.lab.conformance.rules import Measurement
+from solari_vk.lab.embree import available
+from solari_vk.lab.structures import Structures
 
 
-def probes(run: Run, way: str, stage: str = probe_checks.STAGES[0]) -> Iterable[Measurement]:
-    """Single rays by ray queries, in a stage, over a world that was built in a way."""
+def probes(run: Run, build_mode: str, stage: str = probe_checks.STAGES[0]) -> Iterable[Measurement]:
+    """Single rays by ray queries, in a shader stage, over structures that were built in one of BUILD_MODES."""
     missing = [feature for feature in NEEDED if feature not in run.device.features]
     if stage == "fragment" and missing:
         run.rule.unmeasured(call_rule("ray queries in fragment shaders"), UNSUPPORTED, missing[0])
         return ()
 
     def measure(run: Run) -> Iterable[Measurement]:
-        with World(run.device, SHAPES, list(INSTANCES.values()), way) as world:
-            yield from probe_checks.measure_probes(run.shaders, world, stage, _chosen(PROBES, run.part))
+        with Structures(run.device, SHAPES, list(INSTANCES.values()), build_mode) as structures:
+            yield from probe_checks.measure_probes(run.shaders, structures, stage, _chosen(PROBES, run.part))
 
     return by("query", probe_checks.rules(), measure)(run)
 
 
-def ray_probes(run: Run, way: str) -> Iterable[Measurement]:
-    """Single rays by pipelines, over a world that was built in a way."""
+def ray_probes(run: Run, build_mode: str) -> Iterable[Measurement]:
+    """Single rays by pipelines, over structures that were built in one of BUILD_MODES."""
     culling = ray_probe_checks.CULLING in run.device.features
     asked = [probe for probe in ray_probe_checks.ASKED if culling or not ray_probe_checks.culls(probe)]
 
@@ -36,8 +38,9 @@ def ray_probes(run: Run, way: str) -> Iterable[Measurement]:
         if not culling:
             culling_rules = {ray_probe_checks.rule_of(probe) for probe in ray_probe_checks.ASKED if probe not in asked}
             run.rule.unmeasured(culling_rules, UNSUPPORTED, ray_probe_checks.CULLING)
-        with World(run.device, SHAPES, list(INSTANCES.values()), way) as world:
-            yield from ray_probe_checks.measure_probes(run.shaders, world, _chosen(asked, run.part), culling=culling)
+        chosen = _chosen(asked, run.part)
+        with Structures(run.device, SHAPES, list(INSTANCES.values()), build_mode) as structures:
+            yield from ray_probe_checks.measure_probes(run.shaders, structures, chosen, culling=culling)
 
     return by("pipeline", ray_probe_checks.rules(), measure)(run)
 
@@ -58,7 +61,7 @@ def parts(check: Check) -> list[str]:
 
 def embree(run: Run, scene: str) -> Iterable[Measurement]:
     """Random rays against Embree."""
-    if embree_checks.available():
+    if available():
         return embree_checks.measure(run.shaders, scene, 10_000_000 if run.full else 100_000)
     run.rule.unmeasured(embree_checks.rules(scene), ERROR, "needs embreex: pip install solari-vk[test]")
     return ()

@@ -11,8 +11,8 @@ from solari_vk.gpu.frame.frame import HitGroup, RayPass
 from solari_vk.lab.conformance.probes import triangle
 from solari_vk.lab.conformance.ray_probe_checks import GLSL
 from solari_vk.lab.conformance.rules import VULKAN, Measurement, Rule, count_wrong
-from solari_vk.lab.conformance.shader_runner import ShaderRunner
-from solari_vk.lab.conformance.worlds import Boxes, Placed, Triangles, World, translation
+from solari_vk.lab.shader_runner import ShaderRunner
+from solari_vk.lab.structures import Boxes, Placement, Structures, Triangles, translation
 
 _FOLDER = "passes/conformance"
 Damage = Callable[[np.ndarray], None]
@@ -34,7 +34,7 @@ _MISSES = 8
 def measure_records(shaders: ShaderRunner, damage: Damage | None = None) -> Iterator[Measurement]:
     """Trace rays at four geometries in each of four instances. `damage` changes the rays, to seed bugs."""
     parts = [Triangles(triangle(3 * i)[None]) for i in range(_GEOMETRIES)]
-    placed = [Placed("row", translation(0, 5 * i), sbt_offset=offset) for i, offset in enumerate(_OFFSETS)]
+    placed = [Placement("row", translation(0, 5 * i), sbt_offset=offset) for i, offset in enumerate(_OFFSETS)]
     choices = (0, 1, 2, 7, 15)
     cases = list(itertools.product(range(len(_OFFSETS)), range(_GEOMETRIES), (*choices, 17), (*choices, 18)))
     rays = np.zeros(len(cases) + 2 * _MISSES, shaders.element("conformance/records.rgen", "record_rays"))
@@ -54,8 +54,8 @@ def measure_records(shaders: ShaderRunner, damage: Damage | None = None) -> Iter
         hits=hits,
         misses=[f"{_FOLDER}/record_{number}.rmiss" for number in _NUMBERS[:_MISSES]],
     )
-    with World(shaders.device, {"row": parts}, placed, own_records=True) as world:
-        found = shaders.run_steps([step], {"tlas": world.tlas, "record_rays": rays}, {"records_run": len(rays)})
+    with Structures(shaders.device, {"row": parts}, placed, own_records=True) as structures:
+        found = shaders.run_steps([step], {"tlas": structures.tlas, "record_rays": rays}, {"records_run": len(rays)})
     run = found["records_run"]
     large = (offset > 15) | (stride > 15)
     labels = [f"instance {i}, geometry {g}, offset {o}, stride {s}" for i, g, o, s in cases]
@@ -82,7 +82,7 @@ def measure_launches(shaders: ShaderRunner) -> Iterator[Measurement]:
     dtype = shaders.element("conformance/launch.rgen", "launches")
     misses = [f"{_FOLDER}/launch.rmiss"]
     wrong: dict[Rule, list[str]] = {_LAUNCH: [], _INDIRECT: []}
-    with World(shaders.device, {"one": [Triangles(triangle()[None])]}, [Placed("one")]) as world:
+    with Structures(shaders.device, {"one": [Triangles(triangle()[None])]}, [Placement("one")]) as structures:
         for size in SIZES:
             x, y, z = (*size, 1, 1)[:3]
             counts = np.array([0, 0, 0, x, y, z], np.uint32)  # the first three are for compute shaders
@@ -93,7 +93,7 @@ def measure_launches(shaders: ShaderRunner) -> Iterator[Measurement]:
             ids = np.stack(np.unravel_index(np.arange(x * y * z), (z, y, x))[::-1], 1)
             for rule, step in ways.items():
                 # Elements after the last show whether there are too many invocations.
-                inputs = {"tlas": world.tlas, "launch_counts": counts}
+                inputs = {"tlas": structures.tlas, "launch_counts": counts}
                 found = shaders.run_steps([step], inputs, {"launches": np.zeros(len(ids) + 64, dtype)})["launches"]
                 right = found["count"].tolist() == [1] * len(ids) + [0] * 64
                 for stage in ("generation", "miss"):
@@ -160,9 +160,10 @@ def measure_reports(shaders: ShaderRunner, damage: Damage | None = None) -> Iter
         for x, low, count in ((0, -1000, 1), (2, 0, 3))
     )
     shapes = {"box": [Boxes(box)], "several": [Boxes(several)]}
-    with World(shaders.device, shapes, [Placed("box"), Placed("several", custom=1)], own_records=True) as world:
+    placed = [Placement("box"), Placement("several", custom=1)]
+    with Structures(shaders.device, shapes, placed, own_records=True) as structures:
         before = np.zeros(len(rays), shaders.element("conformance/report.rgen", "reported"))
-        answers = shaders.run_steps([step], {"tlas": world.tlas, "report_rays": rays}, {"reported": before})
+        answers = shaders.run_steps([step], {"tlas": structures.tlas, "report_rays": rays}, {"reported": before})
     wrong: dict[Rule, list[str]] = {_ACCEPTED: [], _NEAREST: [], _ATTRIBUTES: [], _KEPT: []}
     for (name, (t_min, t_max, ts, kinds, accepted, _)), got in zip(_REPORTS.items(), answers["reported"], strict=True):
         reports = list(zip(ts, kinds, accepted or (1, 1, 1), strict=True))

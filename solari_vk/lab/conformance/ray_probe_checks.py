@@ -13,8 +13,8 @@ from solari_vk.lab.conformance.probe_checks import Checked, measure_getters, pro
 from solari_vk.lab.conformance.probe_table import PROBES
 from solari_vk.lab.conformance.probes import GENERATED, TRIANGLE, Expected, Probe
 from solari_vk.lab.conformance.rules import VULKAN, Measurement, Rule, count_wrong
-from solari_vk.lab.conformance.shader_runner import ShaderRunner
-from solari_vk.lab.conformance.worlds import World
+from solari_vk.lab.shader_runner import ShaderRunner
+from solari_vk.lab.structures import Structures
 
 GLSL = "GLSL_EXT_ray_tracing"
 CULLING = "rayTraversalPrimitiveCulling"
@@ -136,7 +136,7 @@ def rules() -> list[Rule]:
 
 def measure_probes(
     shaders: ShaderRunner,
-    world: World,
+    structures: Structures,
     probes: Sequence[Probe] = tuple(ASKED),
     damage: Callable[[np.ndarray], None] | None = None,
     culling: bool = True,
@@ -151,7 +151,8 @@ def measure_probes(
     name = "conformance/probe_culling" if culling else "conformance/probe"
     step = RayPass(name, threads=len(rays), misses=[f"{_FOLDER}.rmiss"], hits=_HITS)
     before = np.zeros(len(rays), shaders.element("conformance/probe.rgen", "ray_answers"))
-    answers = shaders.run_steps([step], {"tlas": world.tlas, "probes": sent}, {"ray_answers": before})["ray_answers"]
+    inputs = {"tlas": structures.tlas, "probes": sent}
+    answers = shaders.run_steps([step], inputs, {"ray_answers": before})["ray_answers"]
     checked = [_Traced(*item) for item in zip(probes, rays, answers, strict=True)]
     by_rule: dict[Rule, list[_Traced]] = {}
     for item in checked:

@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Sequence
 
 from solari_vk.lab.conformance.faults import Fault, find_end
-from solari_vk.lab.conformance.rules import ERROR, FAIL, FAULT, PASS, Check, Measurement, Outcome, Rule
+from solari_vk.lab.conformance.outcomes import ERROR, FAIL, FAULT, PASS, Check, Outcome
+from solari_vk.lab.conformance.rules import Measurement, Rule
 
 _GONE = "known_faults.toml lists this rule as failing, but {}: remove the entry"
 

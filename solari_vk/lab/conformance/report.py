@@ -9,8 +9,8 @@ from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 from xml.etree import ElementTree
 
-from solari_vk.lab.conformance.rules import FAULT, NOT_RUN, RED, STATUSES, UNSUPPORTED, Check, Outcome, Row, rows
-from solari_vk.lab.measure.page import head, markdown_list, markdown_table, text_table
+from solari_vk.lab.conformance.outcomes import FAULT, NOT_RUN, RED, STATUSES, UNSUPPORTED, Check, Outcome, Row, rows
+from solari_vk.lab.page import head, markdown_list, markdown_table, text_table
 
 _LEGEND = """\
 Written by `solari-vk conformance --markdown FILE`. A rule holds when the measured value is at most the bar. Where a

@@ -7,8 +7,8 @@ from collections.abc import Iterable, Mapping
 from solari_vk.base.errors import SolariError
 from solari_vk.lab.conformance.children import Death
 from solari_vk.lab.conformance.faults import Fault, unexplained
+from solari_vk.lab.conformance.outcomes import ERROR, STATUSES, Check, Outcome
 from solari_vk.lab.conformance.recorder import Recorder
-from solari_vk.lab.conformance.rules import ERROR, STATUSES, Check, Outcome
 from solari_vk.lab.conformance.worker import OPENING, Began, Ended, Message, Opened
 
 

@@ -1,19 +1,14 @@
-"""What the suite measures: rules with their sources, measurements with their bars, and the rows of the report."""
+"""Rules with their sources, and measurements that hold or break them."""
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable
-from dataclasses import dataclass, field
-from typing import NamedTuple
+from dataclasses import dataclass
 
-WGPU, VULKAN, SUITE = "wgpu ray tracing", "Vulkan 1.3", "solari_vk"
-PASS, FAIL, ERROR, FAULT, UNSUPPORTED = "pass", "FAIL", "ERROR", "known fault", "unsupported"
-NOT_RUN = "not run (full only)"
-CRASH, HANG, LOST = "CRASH", "HANG", "LOST DEVICE"
-# From the worst to the best: a row shows the worst status of its cases.
-STATUSES = (CRASH, HANG, LOST, ERROR, FAIL, FAULT, NOT_RUN, UNSUPPORTED, PASS)
-RED = (CRASH, HANG, LOST, ERROR, FAIL)  # statuses that make a run fail
+# The documents that most rules are from.
+WGPU = "wgpu ray tracing"
+VULKAN = "Vulkan 1.3"
+SUITE = "solari_vk"
 
 
 @dataclass(frozen=True)
@@ -23,19 +18,6 @@ class Rule:
     name: str
     document: str
     section: str
-
-
-class Check(NamedTuple):
-    """A case of a group, or one part of the case: what ends when the driver crashes, hangs or loses its device."""
-
-    group: str
-    case: str
-    part: str = ""
-
-    @property
-    def rule(self) -> Rule:
-        """The rule that the check reaches its end. The report has it only when it doesn't hold."""
-        return Rule(f"{', '.join(filter(None, self[1:]))}: runs to its end", SUITE, "Conformance")
 
 
 @dataclass(frozen=True)
@@ -56,81 +38,6 @@ class Measurement:
     def __str__(self) -> str:
         note = f": {self.note}" if self.note else ""
         return f"{self.rule.name}: {self.measured:.4g} {self.unit}, at most {self.bar:.4g}{note}"
-
-
-@dataclass(frozen=True)
-class Outcome:
-    """A measurement, or the reason why there is none, with its group and case.
-
-    ended: how a check ended that didn't reach its end: a signal, a time limit or an error, in a word."""
-
-    group: str
-    rule: Rule
-    status: str
-    case: str = ""
-    measurement: Measurement | None = None
-    reason: str = ""
-    ended: str = ""
-
-
-@dataclass
-class Row:
-    """All outcomes of one rule; the report shows the worst."""
-
-    group: str
-    rule: Rule
-    outcomes: list[Outcome] = field(default_factory=list)
-
-    @property
-    def worst(self) -> Outcome:
-        """The outcome with the worst status; among several, the one closest to its bar."""
-        return min(self.outcomes, key=lambda outcome: (STATUSES.index(outcome.status), -_used(outcome)))
-
-    @property
-    def status(self) -> str:
-        """The worst status of its cases."""
-        return self.worst.status
-
-    @property
-    def measured(self) -> str:
-        """The worst measured value with its unit, or how the check ended."""
-        made = self.worst.measurement
-        return f"{made.measured:.3g} {made.unit}" if made else self.worst.ended
-
-    @property
-    def bar(self) -> str:
-        """The bar of the worst outcome."""
-        return f"{self.worst.measurement.bar:.3g}" if self.worst.measurement else ""
-
-    @property
-    def note(self) -> str:
-        """The reason or the note of the worst outcome, with its case; empty for a rule that simply holds."""
-        worst = self.worst
-        told = worst.reason or (worst.measurement.note if worst.measurement and worst.status != PASS else "")
-        text = "".join(filter(str.isprintable, " ".join(told.split())))
-        return f"{text} [{worst.case}]" if text and worst.case else text
-
-    @property
-    def runs(self) -> int:
-        """The number of cases in which the rule was measured."""
-        return sum(outcome.measurement is not None for outcome in self.outcomes)
-
-
-def _used(outcome: Outcome) -> float:
-    made = outcome.measurement
-    if made is None or math.isnan(made.measured):
-        return math.inf
-    return made.measured / made.bar if made.bar else made.measured
-
-
-def rows(outcomes: Iterable[Outcome]) -> list[Row]:
-    """One row for each rule, in the order in which groups and rules first appear."""
-    found: dict[tuple[str, Rule], Row] = {}
-    for outcome in outcomes:
-        key = (outcome.group, outcome.rule)
-        found.setdefault(key, Row(*key)).outcomes.append(outcome)
-    groups = list(dict.fromkeys(group for group, _ in found))
-    return sorted(found.values(), key=lambda row: groups.index(row.group))
 
 
 def count_wrong(rule: Rule, wrong: Iterable[str]) -> Measurement:

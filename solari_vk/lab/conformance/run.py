@@ -12,9 +12,9 @@ from pathlib import Path
 from solari_vk.base.errors import SolariError
 from solari_vk.base.files import check_writable, write_whole
 from solari_vk.lab.conformance.children import measure_in_child
+from solari_vk.lab.conformance.outcomes import RED, Check
 from solari_vk.lab.conformance.report import Report
 from solari_vk.lab.conformance.results import Results
-from solari_vk.lab.conformance.rules import RED, Check
 from solari_vk.lab.conformance.worker import Work, measure_checks
 
 TIME_LIMIT = 600.0  # seconds for a check; ten times as many with --full

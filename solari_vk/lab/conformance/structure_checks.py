@@ -9,19 +9,22 @@ from numpy.typing import NDArray
 
 from solari_vk.bound.spatial_order import spatial_order
 from solari_vk.gpu.acceleration.blas_builds import build_blases
-from solari_vk.lab.conformance.bulk_checks import bumpy_ball, trace, trace_world, turn
 from solari_vk.lab.conformance.rules import VULKAN, WGPU, Measurement, Rule, count_wrong
-from solari_vk.lab.conformance.shader_runner import ShaderRunner
-from solari_vk.lab.conformance.worlds import (
+from solari_vk.lab.shader_runner import ShaderRunner
+from solari_vk.lab.structures import (
+    BUILD_MODES,
     COMPACTED,
     FRESH,
-    WAYS,
     Boxes,
-    Placed,
+    Placement,
     Shapes,
+    Structures,
     Triangles,
-    World,
+    build_and_trace,
+    bumpy_ball,
     instance_records,
+    random_rotation,
+    trace,
     translation,
 )
 
@@ -38,7 +41,7 @@ def _row(count: int, height: float = 1.0) -> NDArray[np.float64]:
     return np.array([(4.0 * i + 0.5, 0.5, height) for i in range(count)])
 
 
-def _heap() -> tuple[Shapes, list[Placed], NDArray[np.float64], NDArray[np.float64]]:
+def _heap() -> tuple[Shapes, list[Placement], NDArray[np.float64], NDArray[np.float64]]:
     """Many rotated balls that intersect each other, and rays through them."""
     random = np.random.default_rng(20)
     shapes: Shapes = {
@@ -48,33 +51,35 @@ def _heap() -> tuple[Shapes, list[Placed], NDArray[np.float64], NDArray[np.float
     places = random.uniform(-5, 5, (150, 3))
     placed = []
     for i, at in enumerate(places[spatial_order(places)]):
-        matrix = np.concatenate([turn(random) @ np.diag(random.uniform(0.3, 1.5, 3)), at[:, None]], axis=1)
-        placed.append(Placed(("ball", "two")[i % 2], matrix, custom=i * 7919 & 0xFFFFFF))
+        matrix = np.concatenate([random_rotation(random) @ np.diag(random.uniform(0.3, 1.5, 3)), at[:, None]], axis=1)
+        placed.append(Placement(("ball", "two")[i % 2], matrix, custom=i * 7919 & 0xFFFFFF))
     origins = random.uniform(-7, 7, (20_000, 3))
     return shapes, placed, origins, random.uniform(-4, 4, (20_000, 3)) - origins
 
 
-def measure_ways(shaders: ShaderRunner, damage: Damage | None = None) -> Iterator[Measurement]:
+def measure_build_modes(shaders: ShaderRunner, damage: Damage | None = None) -> Iterator[Measurement]:
     """The same rays meet the same triangles at the same t, however the structures were built. Also compares sizes."""
     shapes, placed, origins, directions = _heap()
     hits: dict[str, np.ndarray] = {}
     sizes: dict[str, tuple[int, int]] = {}
-    for way in (*WAYS, "fast build"):
-        known = way if way in WAYS else FRESH
-        seeded = damage if way != FRESH else None
-        with World(shaders.device, shapes, placed, known, fast_trace=way in WAYS, damage=seeded) as world:
-            hits[way] = trace(shaders, world.tlas, origins, directions)
-            sizes |= {name: (size, world.blases[name].size) for name, size in world.sizes.items()}
+    for mode in (*BUILD_MODES, "fast build"):
+        known = mode in BUILD_MODES
+        seeded = damage if mode != FRESH else None
+        with Structures(
+            shaders.device, shapes, placed, mode if known else FRESH, fast_trace=known, damage=seeded
+        ) as structures:
+            hits[mode] = trace(shaders, structures.tlas, origins, directions)
+            sizes |= {name: (size, structures.blases[name].size) for name, size in structures.sizes.items()}
     right = hits.pop(FRESH)
     documents = {"compacted": (WGPU, _COMPACTION)}
-    for way, found in hits.items():
+    for mode, found in hits.items():
         same_t = np.abs(found["t"] - right["t"]) <= 1e-5 * np.abs(right["t"])
         keys = ("custom_data", "instance", "geometry", "primitive")
         same = np.logical_and.reduce([found[key] == right[key] for key in keys])
         # Where two surfaces lie at one distance, either may be the hit.
         wrong = ~same_t | (~same & (np.abs(found["t"] - right["t"]) > 0))
-        source = documents.get(way, (VULKAN, _STRUCTURES))
-        rule = Rule(f"hits equal those of a fresh structure: {way}", *source)
+        source = documents.get(mode, (VULKAN, _STRUCTURES))
+        rule = Rule(f"hits equal those of a fresh structure: {mode}", *source)
         yield Measurement(rule, float(wrong.sum()), unit=f"of {len(right):,}")
     rule = Rule("a compacted Blas is not larger than before", WGPU, _COMPACTION)
     yield Measurement(rule, max(after / before for before, after in sizes.values()), 1.0, "of the size before")
@@ -102,7 +107,7 @@ def measure_formats(shaders: ShaderRunner) -> Iterator[Measurement]:
     right = None
     wrong = []
     for name, variant in variants.items():
-        hits = trace_world(shaders, {"one": [variant]}, [Placed("one")], origins, directions)
+        hits = build_and_trace(shaders, {"one": [variant]}, [Placement("one")], origins, directions)
         right = hits if right is None else right
         # A transform rounds vertices, so that a ray at an edge may hit the neighbor.
         allowed = 4 if variant.transform is not None else 0
@@ -118,8 +123,8 @@ def measure_indices(shaders: ShaderRunner, damage: Damage | None = None) -> Iter
     customs = [1 << bit for bit in range(24)] + [0, 0xFFFFFF, 0xAAAAAA, 0x555555]
     masks = [1 << bit for bit in range(8)]
     fields = [(custom, 0xFF) for custom in customs] + [(0, mask) for mask in masks]
-    placed = [Placed("one", translation(4.0 * i), *field) for i, field in enumerate(fields)]
-    hits = trace_world(shaders, _ONE, placed, _row(len(placed)), _DOWN, damage=damage)
+    placed = [Placement("one", translation(4.0 * i), *field) for i, field in enumerate(fields)]
+    hits = build_and_trace(shaders, _ONE, placed, _row(len(placed)), _DOWN, damage=damage)
     wrong = [hex(custom) for custom, hit in zip(customs, hits, strict=False) if hit["custom_data"] != custom]
     yield count_wrong(Rule("TlasInstance.custom_data keeps its 24 bits", WGPU, _API), wrong)
     lost = [hex(mask) for mask, hit in zip(masks, hits[len(customs) :], strict=True) if hit["t"] < 0]
@@ -142,12 +147,12 @@ def measure_nothing(shaders: ShaderRunner) -> Iterator[Measurement]:
     }
     random = np.random.default_rng(22)
     origins = np.stack([*random.uniform(0.05, 0.9, (2, 64)), np.ones(64)], axis=1)
-    worlds: dict[str, list[Placed]] = {name: [Placed(name)] for name in shapes}
-    worlds |= {"no instances": [], "inactive": [Placed("one", active=False)], "mask 0": [Placed("one", mask=0)]}
+    worlds: dict[str, list[Placement]] = {name: [Placement(name)] for name in shapes}
+    worlds |= {"no instances": [], "inactive": [Placement("one", active=False)], "mask 0": [Placement("one", mask=0)]}
     wrong = []
     for name, placed in worlds.items():
         used = {item.shape: shapes[item.shape] for item in placed}
-        hits = trace_world(shaders, used, placed, origins, _DOWN)
+        hits = build_and_trace(shaders, used, placed, origins, _DOWN)
         if ((hits["t"] >= 0) != (name == "one")).any():
             wrong.append(name)
     rule = Rule("empty structures and degenerate or NaN primitives are never hit", VULKAN, _STRUCTURES)
@@ -156,12 +161,12 @@ def measure_nothing(shaders: ShaderRunner) -> Iterator[Measurement]:
 
 def measure_inactive_instances(shaders: ShaderRunner, damage: Damage | None = None) -> Iterator[Measurement]:
     """An instance that no ray can hit hides none of two others, wherever in the list it is."""
-    others = [Placed("one"), Placed("one", translation(4))]
+    others = [Placement("one"), Placement("one", translation(4))]
     wrong = []
-    for name, gone in (("no Blas", Placed("one", active=False)), ("mask 0", Placed("one", mask=0))):
+    for name, gone in (("no Blas", Placement("one", active=False)), ("mask 0", Placement("one", mask=0))):
         for place in range(3):
             placed = [*others[:place], gone, *others[place:]]
-            found = trace_world(shaders, _ONE, placed, _row(2), _DOWN, damage=damage)
+            found = build_and_trace(shaders, _ONE, placed, _row(2), _DOWN, damage=damage)
             wrong += _hidden(f"{name} at {place}", place, np.where(found["t"] < 0, -1, found["instance"].astype(int)))
     name = "an instance without a Blas or with mask 0 hides no other instance"
     yield count_wrong(Rule(name, VULKAN, _INACTIVE), wrong)
@@ -174,7 +179,7 @@ def measure_inactive_primitives(shaders: ShaderRunner, kind: str) -> Iterator[Me
         corners = np.insert(np.concatenate([_FLAT, _FLAT + np.array((4, 0, 0))]), place, np.nan, axis=0)
         boxes = Boxes(np.stack([corners.min(1), corners.max(1)], axis=1))
         part = Triangles(corners) if kind == "triangle" else boxes
-        found = trace_world(shaders, {"one": [part]}, [Placed("one")], _row(2), _DOWN, box_t=1.0)
+        found = build_and_trace(shaders, {"one": [part]}, [Placement("one")], _row(2), _DOWN, box_t=1.0)
         wrong += _hidden(f"NaN at {place}", place, np.where(found["t"] < 0, -1, found["primitive"].astype(int)))
     yield count_wrong(Rule(f"a {kind} of NaN hides no other {kind}", VULKAN, _INACTIVE), wrong)
 
@@ -189,16 +194,16 @@ def _hidden(what: str, place: int, found: np.ndarray) -> list[str]:
 def measure_many_blases(shaders: ShaderRunner, count: int) -> Iterator[Measurement]:
     """Builds many Blases in one call, in one batch and in several."""
     shapes = {f"blas {i}": [Triangles(_FLAT + np.array((0, 0, i % 7 * 0.5)))] for i in range(count)}
-    placed = [Placed(name, translation(4.0 * i), custom=i) for i, name in enumerate(shapes)]
+    placed = [Placement(name, translation(4.0 * i), custom=i) for i, name in enumerate(shapes)]
     expected = 5 - np.arange(count) % 7 * 0.5
     cases = (("one batch", 1 << 28, FRESH), ("many batches", 1 << 12, FRESH), ("compacted", 0, COMPACTED))
-    for name, budget, way in cases:
-        with World(shaders.device, shapes, placed, way) as world:
+    for name, budget, mode in cases:
+        with Structures(shaders.device, shapes, placed, mode) as structures:
             if budget:
-                build_blases(shaders.device, list(world.blases.values()), compact=False, scratch_budget=budget)
-                addresses = {key: blas.address for key, blas in world.blases.items()}
-                world.place(instance_records(placed, addresses))
-            hits = trace(shaders, world.tlas, _row(count, 5.0), _DOWN)
+                build_blases(shaders.device, list(structures.blases.values()), compact=False, scratch_budget=budget)
+                addresses = {key: blas.address for key, blas in structures.blases.items()}
+                structures.place(instance_records(placed, addresses))
+            hits = trace(shaders, structures.tlas, _row(count, 5.0), _DOWN)
         wrong = (hits["custom_data"] != np.arange(count)) | (np.abs(hits["t"] - expected) > 1e-4)
         rule = Rule(f"many Blases are built in one call: {name}", WGPU, _API)
         yield Measurement(rule, float(wrong.sum()), unit=f"of {count}")
@@ -206,17 +211,17 @@ def measure_many_blases(shaders: ShaderRunner, count: int) -> Iterator[Measureme
 
 def measure_tlas_rebuilds(shaders: ShaderRunner, damage: Damage | None = None) -> Iterator[Measurement]:
     """A Tlas is built again with fewer, more and other instances."""
-    placed = [Placed("one", translation(4.0 * i), custom=i) for i in range(64)]
+    placed = [Placement("one", translation(4.0 * i), custom=i) for i in range(64)]
     wrong = []
-    with World(shaders.device, _ONE, placed) as world:
-        addresses = {"one": world.blases["one"].address}
+    with Structures(shaders.device, _ONE, placed) as structures:
+        addresses = {"one": structures.blases["one"].address}
         for step, chosen in enumerate((range(64), range(10), range(0), range(20, 60, 3), range(64))):
             members: Sequence[int] = list(chosen)
             records = instance_records([placed[i] for i in members], addresses)
             if damage is not None and len(records):
                 damage(records)
-            world.place(records)
-            hits = trace(shaders, world.tlas, _row(64), _DOWN)
+            structures.place(records)
+            hits = trace(shaders, structures.tlas, _row(64), _DOWN)
             seen = np.flatnonzero(hits["t"] >= 0).tolist()
             if seen != members or hits["custom_data"][seen].tolist() != members:
                 wrong.append(f"build {step + 1}")
@@ -233,8 +238,8 @@ def measure_large_tlas(shaders: ShaderRunner, count: int, damage: Damage | None 
     side = int(np.ceil(np.sqrt(count)))
     places = np.stack(np.unravel_index(np.arange(count), (side, side)), 1) * 3.0
     places = places[spatial_order(np.pad(places, ((0, 0), (0, 1))))]
-    placed = [Placed("one", translation(x, y), custom=i & 0xFFFFFF) for i, (x, y) in enumerate(places)]
+    placed = [Placement("one", translation(x, y), custom=i & 0xFFFFFF) for i, (x, y) in enumerate(places)]
     origins = np.concatenate([places + 0.5, np.ones((count, 1))], axis=1)
-    hits = trace_world(shaders, _ONE, placed, origins, _DOWN, damage=damage)
+    hits = build_and_trace(shaders, _ONE, placed, origins, _DOWN, damage=damage)
     wrong = (hits["custom_data"] != np.arange(count)) | (hits["instance"] != np.arange(count)) | (hits["t"] < 0)
     yield Measurement(large_tlas_rule(count), float(wrong.sum()), unit=f"of {count:,}")

@@ -8,7 +8,7 @@ import pytest
 
 from solari_vk.lab.conformance.faults import find_end, unexplained
 from solari_vk.lab.conformance.groups import GROUPS
-from solari_vk.lab.conformance.rules import FAULT, RED, Check, Outcome
+from solari_vk.lab.conformance.outcomes import FAULT, RED, Check, Outcome
 from solari_vk.lab.conformance.worker import Worker
 
 CHECKS = [Check(group, case) for group, cases in GROUPS.items() for case in cases]

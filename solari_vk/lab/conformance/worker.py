@@ -16,10 +16,10 @@ from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.device.rays import AUTO
 from solari_vk.lab.conformance.cases import Run
 from solari_vk.lab.conformance.faults import Fault, known_faults
+from solari_vk.lab.conformance.outcomes import LOST, Check, Outcome
 from solari_vk.lab.conformance.recorder import Recorder
-from solari_vk.lab.conformance.rules import LOST, Check, Outcome
-from solari_vk.lab.conformance.shader_runner import ShaderRunner
-from solari_vk.lab.measure.page import device_facts, host_load
+from solari_vk.lab.page import device_facts, host_load
+from solari_vk.lab.shader_runner import ShaderRunner
 
 OPENING, CLOSING = "opening the device", "closing the device"
 

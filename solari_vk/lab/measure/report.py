@@ -9,7 +9,7 @@ from pathlib import Path
 
 from solari_vk.base.files import check_writable, write_whole
 from solari_vk.gpu.device.device import Device
-from solari_vk.lab.measure.page import device_facts, head, host_load, markdown_table, text_table, wrapped
+from solari_vk.lab.page import device_facts, head, host_load, markdown_table, text_table, wrapped
 
 
 class Report:

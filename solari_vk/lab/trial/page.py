@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solari_vk.base.files import make_folder, write_whole
-from solari_vk.lab.measure.page import head, markdown_list, markdown_table, wrapped
+from solari_vk.lab.page import head, markdown_list, markdown_table, wrapped
 from solari_vk.lab.trial.compare import Comparison, Distance
 from solari_vk.lab.trial.differences import Difference
 from solari_vk.lab.trial.process import KINDS, OURS, Picture

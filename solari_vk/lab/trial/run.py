@@ -13,7 +13,7 @@ import numpy as np
 
 from solari_vk.base.errors import SolariError, unknown_name
 from solari_vk.base.files import make_folder, make_temporary_folder, write_whole
-from solari_vk.lab.measure.page import host_load, run_facts
+from solari_vk.lab.page import host_load, run_facts
 from solari_vk.lab.trial import subject as subjects
 from solari_vk.lab.trial.compare import Comparison, Goal, compare
 from solari_vk.lab.trial.differences import that_apply

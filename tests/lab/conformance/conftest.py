@@ -8,7 +8,7 @@ import pytest
 from support.seeded_bugs import seeded
 
 from solari_vk.gpu.device.device import Device
-from solari_vk.lab.conformance.shader_runner import ShaderRunner
+from solari_vk.lab.shader_runner import ShaderRunner
 
 
 @pytest.fixture(scope="session")

@@ -11,8 +11,8 @@ from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.device.physical import PhysicalDevice
 from solari_vk.lab.conformance import probe_checks, worker
 from solari_vk.lab.conformance.cases import by
+from solari_vk.lab.conformance.outcomes import UNSUPPORTED, Check
 from solari_vk.lab.conformance.recorder import Recorder
-from solari_vk.lab.conformance.rules import UNSUPPORTED, Check
 from solari_vk.lab.conformance.worker import Work, Worker
 
 

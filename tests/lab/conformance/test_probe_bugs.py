@@ -18,16 +18,16 @@ from solari_vk.lab.conformance.probe_actions import CONFIRM, CONFIRM_ODD, GENERA
 from solari_vk.lab.conformance.probe_table import PROBES
 from solari_vk.lab.conformance.probes import INSTANCES, SHAPES
 from solari_vk.lab.conformance.ray_probe_checks import ASKED, rule_of
-from solari_vk.lab.conformance.shader_runner import ShaderRunner
-from solari_vk.lab.conformance.worlds import World
+from solari_vk.lab.shader_runner import ShaderRunner
+from solari_vk.lab.structures import Structures
 
 CHECKS = {"query": probe_checks, "pipeline": ray_probe_checks}
 
 
 def probe(shaders, way="query", *, rays=None, records=None, shapes=SHAPES):
     """All measurements of the probes with damaged rays, instance records or shapes."""
-    with World(shaders.device, shapes, list(INSTANCES.values()), damage=records) as world:
-        return list(CHECKS[way].measure_probes(shaders, world, damage=rays))
+    with Structures(shaders.device, shapes, list(INSTANCES.values()), damage=records) as structures:
+        return list(CHECKS[way].measure_probes(shaders, structures, damage=rays))
 
 
 @pytest.fixture
@@ -47,8 +47,8 @@ def test_there_are_enough_probes_and_they_pass(runner):
 def test_devices_without_primitive_culling_are_asked_the_rest(ray_shaders):
     asked = [item for item in ASKED if not ray_probe_checks.culls(item)]
     assert len(ASKED) - len(asked) == 4
-    with World(ray_shaders.device, SHAPES, list(INSTANCES.values())) as world:
-        assert not failing(ray_probe_checks.measure_probes(ray_shaders, world, asked, culling=False))
+    with Structures(ray_shaders.device, SHAPES, list(INSTANCES.values())) as structures:
+        assert not failing(ray_probe_checks.measure_probes(ray_shaders, structures, asked, culling=False))
 
 
 # ---- rays -------------------------------------------------------------------------------------------

@@ -10,19 +10,15 @@ from support.seeded_bugs import Bug
 
 from solari_vk import rt
 from solari_vk.gpu.device.device import Device
-from solari_vk.lab.conformance import (
-    bulk_checks,
-    embree_checks,
-    position_checks,
-    ray_pipeline_checks,
-    structure_checks,
-    worlds,
-)
+from solari_vk.lab import structures
+from solari_vk.lab.conformance import bulk_checks, embree_checks, position_checks, ray_pipeline_checks, structure_checks
 from solari_vk.lab.conformance.faults import known_faults
+from solari_vk.lab.conformance.outcomes import FAIL, Check
 from solari_vk.lab.conformance.position_checks import HITTING
 from solari_vk.lab.conformance.recorder import Recorder
-from solari_vk.lab.conformance.rules import FAIL, Check
-from solari_vk.lab.conformance.shader_runner import ShaderRunner
+from solari_vk.lab.embree import available
+from solari_vk.lab.shader_runner import ShaderRunner
+from solari_vk.lab.structures import BUILD_MODES, Triangles
 
 TRACE = ("passes/conformance/trace.comp", "trace_ray")
 WRONG_HITS = Bug(
@@ -44,7 +40,7 @@ def test_bugs_in_tracing_are_noticed(patched, ray_shaders):
         sizes = (f"size {size} at all" for size in ("1e-06", "1", "1e+06"))
         expect_red(bulk_checks.measure_extreme_transforms(shaders), "from the origin: t", *sizes)
         expect_red(bulk_checks.measure_thin_triangles(shaders), "rays at the middle of such triangles")
-        if embree_checks.available():
+        if available():
             expect_red(embree_checks.measure(shaders, "instanced", 5000, small=True), "is Embree's")
     with patched(SHORT_DIRECTIONS_MISS) as shaders:
         expect_red(bulk_checks.measure_extreme_transforms(shaders), "from the origin")
@@ -69,7 +65,7 @@ def test_missed_thin_triangles_are_noticed(patched):
 
 def test_holes_are_noticed(shaders, monkeypatch):
     """Rays pass through a closed surface and a fan that lack one triangle."""
-    whole = worlds.Triangles
+    whole = Triangles
     monkeypatch.setattr(bulk_checks, "Triangles", lambda corners: whole(corners[1:]))
     expect_red(bulk_checks.measure_watertight(shaders), "closed surface: edges", "fan: edges")
 
@@ -111,16 +107,17 @@ def test_debug_builds_and_unplaced_vertices(fetching, monkeypatch):
     """Debug builds return the same vertices. A driver that returns vertices without their geometry's transform fails;
     the table is changed to simulate it."""
     known = {rule.name for (_, several), rule in position_checks.RULES.items() if several}
-    whole, world = position_checks.SHAPES, position_checks.World
+    whole = position_checks.SHAPES
+    build = position_checks.Structures
     unplaced = {
-        name: [replace(p, transform=None) if isinstance(p, worlds.Triangles) else p for p in parts]
+        name: [replace(p, transform=None) if isinstance(p, Triangles) else p for p in parts]
         for name, parts in whole.items()
     }
     with ShaderRunner(fetching) as shaders:
         measured = list(position_checks.measure_positions(shaders, HITTING))
         assert not failing(measured) - known
         assert list(position_checks.measure_positions(shaders, HITTING, rt.RAY_QUERY_DEBUG)) == measured
-        monkeypatch.setattr(position_checks, "World", lambda device, _, placed: world(device, whole, placed))
+        monkeypatch.setattr(position_checks, "Structures", lambda device, _, placed: build(device, whole, placed))
         monkeypatch.setattr(position_checks, "SHAPES", unplaced)
         expect_red(position_checks.measure_positions(shaders, HITTING), "Committed", "one geometry")
 
@@ -139,15 +136,15 @@ def drop_last(records):
 def test_bugs_in_structures_are_noticed(shaders, monkeypatch):
     beyond_16_bits, half = (masked("custom_index_and_mask", mask) for mask in (0xFF00FFFF, 0x0F7FFFFF))
     expect_red(structure_checks.measure_large_tlas(shaders, 70_000, beyond_16_bits), "a Tlas of 70,000")
-    expect_red(structure_checks.measure_ways(shaders, moved), *(f"structure: {way}" for way in worlds.WAYS[1:]))
+    expect_red(structure_checks.measure_build_modes(shaders, moved), *(f"structure: {way}" for way in BUILD_MODES[1:]))
     expect_red(structure_checks.measure_indices(shaders, half), "custom_data keeps", "mask keeps")
     expect_red(structure_checks.measure_tlas_rebuilds(shaders, drop_last), "last built with")
     with Device() as fresh, ShaderRunner(fresh) as runner:  # in used memory Mesa 26.2 crashes
         expect_red(structure_checks.measure_inactive_instances(runner, drop_last), "hides no other instance")
-    made, records_of = worlds.TriangleGeometry, worlds.instance_records
+    made, records_of = structures.TriangleGeometry, structures.instance_records
     for seeded in ({"indices": 0}, {"position_stride": 12}, {"transform": 0}):
         with monkeypatch.context() as patch:
-            patch.setattr(worlds, "TriangleGeometry", lambda *a, seeded=seeded, **k: made(*a, **{**k, **seeded}))
+            patch.setattr(structures, "TriangleGeometry", lambda *a, seeded=seeded, **k: made(*a, **{**k, **seeded}))
             expect_red(structure_checks.measure_formats(shaders), "index formats")
 
     def all_active(placed, addresses):
@@ -156,9 +153,9 @@ def test_bugs_in_structures_are_noticed(shaders, monkeypatch):
     def swapped(placed, addresses):
         return records_of(placed, dict(zip(addresses, [*list(addresses.values())[1:], 0], strict=True)))
 
-    monkeypatch.setattr(worlds, "instance_records", all_active)
+    monkeypatch.setattr(structures, "instance_records", all_active)
     expect_red(structure_checks.measure_nothing(shaders), "never hit")
-    for module in (worlds, structure_checks):
+    for module in (structures, structure_checks):
         monkeypatch.setattr(module, "instance_records", swapped)
     expect_red(structure_checks.measure_many_blases(shaders, 20), "one batch", "many batches", "compacted")
 

@@ -12,7 +12,7 @@ from support.frames import direction_at, material_records, run_albedo, run_brdf
 from support.seeded_bugs import LOBES_ADDED, Bug, bug_tests, seeded, with_shaders
 from support.statistics import chi_squared_p
 
-from solari_vk.lab.conformance.shader_runner import ShaderRunner
+from solari_vk.lab.shader_runner import ShaderRunner
 
 ROUGHNESS = np.concatenate([np.linspace(0, 0.12, 41), np.linspace(0.125, 1, 36)]).astype(np.float32)
 DEGREES = [0, 10, 25, 40, 55, 65, 72, 77, 80, 82, 84, 85]

@@ -22,7 +22,7 @@ from solari_vk.bound.constants import NO_INDEX
 from solari_vk.bound.lights.choice_weights import EQUAL_SHARE
 from solari_vk.bound.lights.light_kinds import KIND_INDEX
 from solari_vk.bound.spatial_order import spatial_order
-from solari_vk.lab.conformance.shader_runner import ShaderRunner
+from solari_vk.lab.shader_runner import ShaderRunner
 from solari_vk.scene import shapes
 from solari_vk.scene.builtin import lamp, matte, place, rgb
 from solari_vk.scene.matrices import transform_points

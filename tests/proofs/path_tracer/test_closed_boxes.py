@@ -11,7 +11,7 @@ from support.frames import path_traced_runs
 from support.seeded_bugs import Bug, Measurement, Rule, bug_tests, require
 
 import solari_vk as sv
-from solari_vk.lab.conformance.bulk_checks import bumpy_ball
+from solari_vk.lab.structures import bumpy_ball
 from solari_vk.scene import shapes
 from solari_vk.scene.builtin import closed_box, matte, place
 

@@ -9,7 +9,7 @@ from oracles.rays import World
 from support.frames import each_lighting, make_renderer, snapshot
 
 import solari_vk as sv
-from solari_vk.lab.conformance.embree_checks import meet
+from solari_vk.lab.embree import intersect_planes
 from solari_vk.scene import shapes
 from solari_vk.scene.builtin import builtin, matte
 
@@ -60,7 +60,7 @@ def test_camera_rays_hit_what_embree_hits(tracer, name):
         renderer.render(camera, samples=1)
         origins, directions = (x.reshape(-1, 3) for x in camera_rays(camera, SIZE, SIZE))
         hits = world.embree_hits(origins, directions)
-        distance, edge = meet(world.corners, hits, origins, directions)
+        distance, edge = intersect_planes(world.corners, hits, origins, directions)
         expected = np.where(hits >= 0, world.instance[np.maximum(hits, 0)], -1)
         seen = renderer["instance_id"].reshape(-1).astype(np.int64)
         seen = np.where(seen >= len(scene.instances), -1, seen)

@@ -22,7 +22,7 @@ from support.seeded_bugs import Bug, Measurement, Rule, bug_tests, require
 from support.statistics import measure_mean
 
 import solari_vk as sv
-from solari_vk.lab.conformance.shader_runner import ShaderRunner
+from solari_vk.lab.shader_runner import ShaderRunner
 from solari_vk.scene import shapes
 from solari_vk.scene.builtin import lamp, rgb
 

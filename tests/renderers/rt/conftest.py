@@ -10,8 +10,8 @@ from support.frames import leaves_nothing
 from support.scenes import ABOVE_QUAD, DOWN, quad_corners
 
 from solari_vk import rt
-from solari_vk.lab.conformance import bulk_checks
-from solari_vk.lab.conformance.shader_runner import ShaderRunner
+from solari_vk.lab.shader_runner import ShaderRunner
+from solari_vk.lab.structures import trace
 
 
 @pytest.fixture(scope="session")
@@ -22,7 +22,7 @@ def shaders(device):
         for _ in range(8):
             rt.build_acceleration_structures(device, (), [rt.TlasPackage(nothing, [None])])
         for _ in range(2):  # frames have two slots
-            bulk_checks.trace(runner, nothing, ABOVE_QUAD, DOWN)
+            trace(runner, nothing, ABOVE_QUAD, DOWN)
         nothing.destroy()
         yield runner
 
@@ -57,8 +57,8 @@ class World:
         return buffer
 
     def trace(self, tlas, origins=ABOVE_QUAD, directions=DOWN, **options):
-        """The closest hits; t < 0 is a miss. See `conformance.bulk_checks.trace`."""
-        return bulk_checks.trace(self._shaders, tlas, origins, directions, **options)
+        """The closest hits; t < 0 is a miss. See `lab.structures.trace`."""
+        return trace(self._shaders, tlas, origins, directions, **options)
 
     def is_hit(self, tlas):
         """Whether a ray from CENTER hits the quad."""

@@ -1,4 +1,5 @@
-"""Small worlds described in numpy, and their acceleration structures: fresh, rebuilt, refitted or compacted."""
+"""Small scenes described in numpy, their acceleration structures (fresh, rebuilt, refitted or compacted), and rays
+through these."""
 
 from __future__ import annotations
 
@@ -8,8 +9,9 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
+from solari_vk.bound.spatial_order import spatial_order
 from solari_vk.gpu.acceleration.blas import Blas
 from solari_vk.gpu.acceleration.blas_builds import build_blases
 from solari_vk.gpu.acceleration.geometry import AabbGeometry, Geometry, TriangleGeometry
@@ -17,14 +19,25 @@ from solari_vk.gpu.acceleration.structure import UpdateMode
 from solari_vk.gpu.acceleration.tlas import INSTANCE_DTYPE, Tlas
 from solari_vk.gpu.device.buffer import Buffer
 from solari_vk.gpu.device.device import Device
+from solari_vk.gpu.frame.frame import HitGroup, Pass, RayPass
+from solari_vk.lab.shader_runner import ShaderRunner
 from solari_vk.scene.matrices import transform_points
 
-FRESH, REBUILT, REFITTED, COMPACTED = "fresh", "rebuilt", "refitted", "compacted"
-WAYS = (FRESH, REBUILT, REFITTED, COMPACTED)
+FRESH = "fresh"
+REBUILT = "rebuilt"
+REFITTED = "refitted"
+COMPACTED = "compacted"
+BUILD_MODES = (FRESH, REBUILT, REFITTED, COMPACTED)
 IDENTITY = np.eye(4)[:3]
 
+_TRACE = "passes/conformance/trace"
+_HITS = [HitGroup(f"{_TRACE}.rchit"), HitGroup(f"{_TRACE}.rchit", intersection=f"{_TRACE}.rint")]
+
 # VkGeometryInstanceFlagBitsKHR
-CULL_DISABLE, FLIP_FACING, INSTANCE_OPAQUE, INSTANCE_NO_OPAQUE = 1, 2, 4, 8
+CULL_DISABLE = 1
+FLIP_FACING = 2
+INSTANCE_OPAQUE = 4
+INSTANCE_NO_OPAQUE = 8
 
 
 @dataclass(frozen=True)
@@ -57,7 +70,7 @@ class Boxes:
 
 
 @dataclass(frozen=True)
-class Placed:
+class Placement:
     """An instance: its shape, its object-to-world matrix (3, 4), and the other fields of its record."""
 
     shape: str
@@ -84,7 +97,7 @@ def record_of(parts: Sequence[Triangles | Boxes]) -> int:
     return BOX_RECORD if isinstance(parts[0], Boxes) else TRIANGLE_RECORD
 
 
-def instance_records(placed: Sequence[Placed], addresses: Mapping[str, int]) -> np.ndarray:
+def instance_records(placed: Sequence[Placement], addresses: Mapping[str, int]) -> np.ndarray:
     """The instances as INSTANCE_DTYPE records; `addresses` are those of the Blases by shape."""
     records = np.zeros(len(placed), INSTANCE_DTYPE)
     if placed:
@@ -95,10 +108,11 @@ def instance_records(placed: Sequence[Placed], addresses: Mapping[str, int]) -> 
     return records
 
 
-class World:
-    """The structures of some shapes and instances in device memory, built in one of WAYS. A context manager.
+class Structures:
+    """The structures of some shapes and instances in device memory, built in one of BUILD_MODES. A context
+    manager.
 
-    Worlds that are rebuilt or refitted are first built with all vertices, boxes and instances moved elsewhere. On a
+    Structures that are rebuilt or refitted are first built with all vertices, boxes and instances moved elsewhere. On a
     device that traces by ray pipelines, instances get the record offset of their kind of geometry in place of their
     own, unless `own_records`. `damage` changes the instance records just before they are uploaded; tests of the suite
     seed bugs with it.
@@ -108,8 +122,8 @@ class World:
         self,
         device: Device,
         shapes: Shapes,
-        placed: Sequence[Placed],
-        way: str = FRESH,
+        placed: Sequence[Placement],
+        build_mode: str = FRESH,
         *,
         fast_trace: bool = True,
         own_records: bool = False,
@@ -122,25 +136,25 @@ class World:
         self._open = ExitStack()
         self._uploads: list[tuple[Buffer, np.ndarray]] = []
         self.sizes: dict[str, int] = {}  # sizes of Blases before compaction
-        update = way == REFITTED
-        mode = UpdateMode.PREFER_UPDATE if update else UpdateMode.BUILD
-        compact = way == COMPACTED
+        update = build_mode == REFITTED
+        update_mode = UpdateMode.PREFER_UPDATE if update else UpdateMode.BUILD
+        compact = build_mode == COMPACTED
         self.blases: dict[str, Blas] = {
             name: self._own(
                 Blas(
                     device,
                     [self._geometry(part) for part in parts],
                     prefer_fast_trace=fast_trace,
-                    update_mode=mode,
+                    update_mode=update_mode,
                     allow_compaction=compact,
                     name=name,
                 )
             )
             for name, parts in shapes.items()
         }
-        self.tlas = self._own(Tlas(device, len(placed), update_mode=mode, prefer_fast_trace=fast_trace))
+        self.tlas = self._own(Tlas(device, len(placed), update_mode=update_mode, prefer_fast_trace=fast_trace))
         self._instances = self._own(device.buffer(max(len(placed), 1) * INSTANCE_DTYPE.itemsize, "instances"))
-        if way in (REBUILT, REFITTED):
+        if build_mode in (REBUILT, REFITTED):
             self._build(displaced=True)
         self._build(update=update, compact=compact, damage=damage)
 
@@ -231,7 +245,7 @@ class World:
         """Free everything when the work submitted so far is done. Safe to call twice."""
         self._open.close()
 
-    def __enter__(self) -> World:
+    def __enter__(self) -> Structures:
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -250,3 +264,72 @@ def translation(x: float, y: float = 0.0, z: float = 0.0) -> NDArray[np.float64]
     matrix = IDENTITY.copy()
     matrix[:, 3] = x, y, z
     return matrix
+
+
+def trace(
+    shaders: ShaderRunner,
+    tlas: Tlas,
+    origins: ArrayLike,
+    directions: ArrayLike,
+    *,
+    t_min: ArrayLike = 0.0,
+    t_max: ArrayLike = 1e30,
+    flags: int = 0,
+    cull_mask: int = 0xFF,
+    box_t: float = 0.0,
+) -> np.ndarray:
+    """The closest hits of N rays: records of t, custom_data, instance, geometry and primitive; t < 0 is a miss.
+
+    Boxes are hit at `box_t`, or ignored when it is 0.
+    """
+    origins, directions = np.broadcast_arrays(np.atleast_2d(origins), np.atleast_2d(directions))
+    rays = np.zeros(len(origins), shaders.element("conformance/trace", "rays"))
+    rays["origin"], rays["direction"], rays["t_min"], rays["t_max"] = origins, directions, t_min, t_max
+    rays["flags"], rays["cull_mask"], rays["box_t"] = flags, cull_mask, box_t
+    step = Pass("conformance/trace", threads=len(rays))
+    if shaders.device.rays == "pipeline":
+        step = RayPass(step.name, threads=len(rays), misses=[f"{_TRACE}.rmiss"], hits=_HITS)
+    return shaders.run_steps([step], {"tlas": tlas, "rays": rays}, {"hits": len(rays)})["hits"]
+
+
+def build_and_trace(
+    shaders: ShaderRunner,
+    shapes: Shapes,
+    placed: Sequence[Placement],
+    origins: ArrayLike,
+    directions: ArrayLike,
+    *,
+    damage: Callable[[np.ndarray], None] | None = None,
+    box_t: float = 0.0,
+) -> np.ndarray:
+    """`trace` through structures that are built for it; see `Structures`."""
+    with Structures(shaders.device, shapes, placed, damage=damage) as structures:
+        return trace(shaders, structures.tlas, origins, directions, box_t=box_t)
+
+
+def random_rotation(random: np.random.Generator) -> NDArray[np.float64]:
+    """A random rotation (3, 3)."""
+    q, r = np.linalg.qr(random.normal(size=(3, 3)))
+    q *= np.sign(np.diag(r))
+    return q * np.sign(np.linalg.det(q))  # type: ignore[no-any-return]
+
+
+def bumpy_ball(segments: int, bumps: float, seed: int = 0) -> NDArray[np.float32]:
+    """About 2 * segments^2 thin, uneven triangles (T, 3, 3), in spatial order, that close a ball around the origin."""
+    random = np.random.default_rng(seed)
+    rings = segments
+    polar, around = np.meshgrid(
+        np.linspace(0, np.pi, rings + 1), np.arange(segments) * (2 * np.pi / segments), indexing="ij"
+    )
+    radius = 1 + bumps * np.sin(polar) * random.uniform(-1, 1, polar.shape)
+    sine = np.sin(polar)
+    sine[[0, -1]] = 0
+    points = np.stack([sine * np.cos(around), np.cos(polar), sine * np.sin(around)], -1) * radius[..., None]
+    points = points.astype(np.float32)
+    a, b = points[:-1], points[1:]
+    c, d = np.roll(b, -1, axis=1), np.roll(a, -1, axis=1)
+    corners = np.concatenate([np.stack([a, c, b], 2).reshape(-1, 3, 3), np.stack([a, d, c], 2).reshape(-1, 3, 3)])
+    area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
+    corners = corners[area > 0]
+    ordered: NDArray[np.float32] = corners[spatial_order(corners.min(axis=1), corners.max(axis=1))]
+    return ordered

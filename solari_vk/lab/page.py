@@ -46,7 +46,7 @@ def run_facts() -> dict[str, str]:
 
 
 def _commit() -> str:
-    root = Path(__file__).resolve().parents[3]
+    root = Path(__file__).resolve().parents[2]
     if not (root / ".git").exists():
         return "unknown, not run from a checkout"
     try:
