@@ -33,7 +33,10 @@ def test_a_thousand_frames_grow_nothing(device):
                 material.emissive = rng.random()
             if frame % 7 == 0:
                 item = extra[rng.integers(len(extra))]
-                (scene.remove if item in scene.instances else scene.add)(item)
+                if item in scene.instances:
+                    scene.remove(item)
+                else:
+                    scene.add(item)
             if frame % 50 == 0:
                 first.mesh.positions = first.mesh.positions * 1.0
             renderer.advance(scene.camera, 1)

@@ -58,7 +58,8 @@ def test_every_bug_compiles(bugs):
         entry, of = next(entry for entry in entries if bug.file in users[entry]), (bug.file, bug.name.partition("(")[0])
         group = next((group for known, group in groups if known == entry and of not in group), None)
         if group is None:
-            groups.append((entry, group := {}))
+            group = {}
+            groups.append((entry, group))
         group[of] = bug
     wrong = []
     for entry, group in groups:

@@ -20,7 +20,8 @@ SIZE = (32, 24)
 
 def listed(lines: list[str]) -> list[str]:
     """The names of the passes in a listing, without the numbers of repeated ones."""
-    return [found[1] for line in lines if (found := re.match(r"  pass (\S+)", line))]
+    matches = [re.match(r"  pass (\S+)", line) for line in lines]
+    return [match[1] for match in matches if match]
 
 
 def test_passes_are_listed_by_stage_with_barriers_and_resources():

@@ -166,7 +166,9 @@ def expected_motion(batch, before, now, moved=None):
 
 
 def check_motion(batch, before, now, moved=None):
-    found, expected, seen = batch["motion_vectors"], expected_motion(batch, before, now, moved), batch["primitive"] >= 0
+    found = batch["motion_vectors"]
+    expected = expected_motion(batch, before, now, moved)
+    seen = batch["primitive"] >= 0
     seen &= np.isfinite(expected).all(axis=-1)
     assert seen.mean() > 0.2
     np.testing.assert_allclose(found[seen], expected[seen], atol=2e-5, rtol=1e-4)

@@ -11,7 +11,9 @@ import solari_vk as sv
 from solari_vk.gpu.frame.slot import Slot
 from solari_vk.settings import Settings
 
-SIZE, VIEWS, FRAMES = (13, 9), 2, 5
+SIZE = (13, 9)
+VIEWS = 2
+FRAMES = 5
 OPTIONS = {
     "labels": {"outputs": ["depth", "primitive", "motion_vectors"]},
     "reference": {"outputs": ["instance_id"], "seed": 3},

@@ -166,7 +166,9 @@ def test_a_white_neighbor_leaves_no_trace(device, settings):
 
 def test_views_share_the_world_cache(device):
     """A view's first frame has less error where others have seen its surroundings before; a cut leaves them there."""
-    scene, size, cameras = sv.builtin("cornell_box"), (32, 32), orbit(8, 0, vertical_fov=1.0)
+    scene = sv.builtin("cornell_box")
+    size = (32, 32)
+    cameras = orbit(8, 0, vertical_fov=1.0)
     settings = Settings(world_cache_cells=1 << 15, jitter=False)
     with sv.PathTracer(device, scene, size) as tracer:
         truth = np.stack([tracer.render(camera, samples=128)["radiance"] for camera in cameras[:3]])

@@ -86,7 +86,10 @@ def test_sparse_clusters_are_smaller(monkeypatch):
 @pytest.mark.parametrize("moved_by", ["nothing", "joints", "targets", "joints and targets"])
 def test_boxes_hold_the_triangles_in_a_pose(moved_by):
     random = np.random.default_rng(3)
-    count, joints, weights, targets = 400, None, None, None
+    count = 400
+    joints = None
+    weights = None
+    targets = None
     if "joints" in moved_by:
         joints = np.repeat(random.integers(0, JOINTS, (count, 2)), 3, axis=0)
         weights = random.random((3 * count, 2)) * random.integers(0, 2, (3 * count, 2))
@@ -96,7 +99,8 @@ def test_boxes_hold_the_triangles_in_a_pose(moved_by):
     if moved_by != "nothing":
         deformation = sv.Deformation(joints=joints, joint_weights=weights, targets=targets)
     mesh = soup(random, count, deformation)
-    made = Clusters(mesh, triangles := in_order(mesh), np.ones(count), np.ones(count))
+    triangles = in_order(mesh)
+    made = Clusters(mesh, triangles, np.ones(count), np.ones(count))
     assert len(made.starts) > 1
     transform = np.vstack([random.normal(size=(3, 4)), (0, 0, 0, 1)])
     pose = (

@@ -53,7 +53,9 @@ def test_buffers_map_indices_of_two_frames_to_each_other(lights):
 
 def test_pixels_of_the_previous_frame_know_no_light_that_moved(lights):
     """Where a light moves, only its samples of this frame count; indices of stored samples stay valid."""
-    ids, first, powers = np.array([1, 2, 3], np.uint32), np.zeros((3, 3)), np.ones(3)
+    ids = np.array([1, 2, 3], np.uint32)
+    first = np.zeros((3, 3))
+    powers = np.ones(3)
     moved = np.array([[0, 0, 0], [0, 1e-3, 0], [0, 0, 0]])
     known = []
     for order, places in (([0, 1, 2], first), ([0, 1, 2], moved), ([0, 1, 2], moved), ([2, 1, 0], first)):
@@ -114,7 +116,8 @@ def triangle(width=2, height=1):
 def test_positions_follow_lamps_and_suns(bound):
     mesh = triangle(height=4)
     lamps = [Instance(mesh=mesh, material=Material(emissive=1.0)) for _ in range(20)]
-    binder = bound(*lamps, sun := DirectionalLight(direction=[0, -1, 0]))
+    sun = DirectionalLight(direction=[0, -1, 0])
+    binder = bound(*lamps, sun)
 
     def positions():
         binder.update()
@@ -134,7 +137,8 @@ def test_positions_follow_lamps_and_suns(bound):
 def test_powers_follow_emission_area_and_suns(bound):
     mesh = triangle()
     lamp = Instance(mesh=mesh, material=Material(emissive=3.0), transform=np.diag([2, 2, 2, 1]))
-    binder = bound(lamp, sun := DirectionalLight(direction=[0, -1, 0], illuminance=7.0))
+    sun = DirectionalLight(direction=[0, -1, 0], illuminance=7.0)
+    binder = bound(lamp, sun)
 
     def powers():
         binder.update()
@@ -158,7 +162,8 @@ def test_powers_follow_emission_area_and_suns(bound):
 def test_ids_stay_with_their_light(bound):
     mesh = triangle()
     first, second = (Instance(mesh=mesh, material=Material(emissive=n)) for n in (1, 2))
-    binder = bound(first, second, sun := DirectionalLight(direction=[0, -1, 0]))
+    sun = DirectionalLight(direction=[0, -1, 0])
+    binder = bound(first, second, sun)
 
     def ids():
         binder.update()

@@ -111,8 +111,12 @@ def test_the_tree_follows_the_lights_alone(bound, monkeypatch):
     quad = shapes.quad((0, 0, 0), (1, 0, 0), (0, 0, 2))
     lamps = [sv.Instance(quad, lamp(x + 1.0), transform=(x, 0, 0)) for x in range(5)]
     sun = sv.DirectionalLight(direction=(0, -1, 0), illuminance=1)
-    binder, builds = bound(*lamps, other := sv.Instance(quad, matte(0.5)), sun), []
-    build, uploaded, find_runs = light_tree.light_tree, {}, Table._runs
+    other = sv.Instance(quad, matte(0.5))
+    binder = bound(*lamps, other, sun)
+    builds = []
+    build = light_tree.light_tree
+    uploaded = {}
+    find_runs = Table._runs
 
     def note(table):
         uploaded[table.name] = len(table.marked)

@@ -20,7 +20,9 @@ class FakeDevice:
         if len(self.live) == self.room:
             raise DeviceError("out of memory")
         made = FakeBuffer()
-        made.size, made.address, made.destroy = size, id(made), lambda: self.live.remove(made)
+        made.size = size
+        made.address = id(made)
+        made.destroy = lambda: self.live.remove(made)
         self.live.append(made)
         return made
 

@@ -33,7 +33,9 @@ def read(lights):
 
 def test_what_stays_flickers_or_moves_slowly_is_not_listed():
     """Flicker of 2 * LISTED in all, but never of LISTED from what a lamp had when it was listed last."""
-    lights, order, drift = start(), [2, 0, 1], 0.9 * CELL * np.eye(1, 3)
+    lights = start()
+    order = [2, 0, 1]
+    drift = 0.9 * CELL * np.eye(1, 3)
     update(lights, IDS[order], POWERS[order], PLACES[order])
     for frame in range(20):
         update(lights, powers=POWERS * (1 + (-1) ** frame * 0.9 * LISTED), places=PLACES + frame * drift)

@@ -24,7 +24,9 @@ from PIL import Image
 from solari_vk.base.errors import SolariError
 from solari_vk.cli import desktop, main, terminal
 
-ROWS, COLUMNS, CELL = 14, 40, (10, 20)  # the cell's width and height in pixels
+ROWS = 14
+COLUMNS = 40
+CELL = (10, 20)  # width and height in pixels
 PROGRAM = "import sys, pathlib; from solari_vk.cli.terminal import show_file; show_file(pathlib.Path(sys.argv[1]))"
 TINY = ["render", "builtin:cornell_box", "--size", "40x24", "--mode", "reference", "--samples", "1"]
 
@@ -85,7 +87,8 @@ def assert_shows(pixels, picture, tolerance):
 def test_half_blocks_hold_the_picture(picture):
     said = shown(picture, PLAIN).decode()
     cell = re.compile(r"38;2;(\d+);(\d+);(\d+);48;2;(\d+);(\d+);(\d+)m▀")
-    lines = [cells for line in said.splitlines() if (cells := cell.findall(line))]
+    found = [cell.findall(line) for line in said.splitlines()]
+    lines = [cells for cells in found if cells]
     cells = np.array(lines, int).reshape(len(lines), -1, 2, 3)
     pixels = cells.transpose(0, 2, 1, 3).reshape(2 * len(lines), -1, 3)
     assert pixels.shape == (22, 40, 3)

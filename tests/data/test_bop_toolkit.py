@@ -105,7 +105,9 @@ def test_bop_toolkit_reads_a_data_set(any_device, tmp_path, kind, split_type):
     shared = dataset_params.get_camera_params(tmp_path, "lm")
     fractions = []
     for number in range(3):
-        intrinsics, scale, size = cameras[number]["cam_K"], cameras[number]["depth_scale"], shared["im_size"]
+        intrinsics = cameras[number]["cam_K"]
+        scale = cameras[number]["depth_scale"]
+        size = shared["im_size"]
         assert np.array_equal(intrinsics, shared["K"])
         assert read("rgb", number).shape == (*size[::-1], 3)
         distance = misc.depth_im_to_dist_im_fast(read("depth", number, load=inout.load_depth) * scale, intrinsics)

@@ -96,7 +96,10 @@ def test_what_a_recipe_does(make):
     randomizer, scene = make(), box()
     base, place = middle(scene.instances["short block"]), scene.lights["key"].position.copy()
     randomizer.prepare(scene)
-    colors, shown, textures, hidden = [], [], set(), 0
+    colors = []
+    shown = []
+    textures = set()
+    hidden = 0
     for number in range(40):
         with randomizer.applied(scene, number):
             moved = middle(scene.instances["short block"]) - base

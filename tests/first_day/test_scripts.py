@@ -151,5 +151,6 @@ def test_words_of_other_programs_are_answered():
                 with pytest.raises((sv.SolariError, AttributeError), match=re.escape(words[word])):
                     getattr(holder, word.upper())
         for advice in words.values():
-            if found := re.match(r"it is (?:called )?(\w+)", advice):
+            found = re.match(r"it is (?:called )?(\w+)", advice)
+            if found:
                 assert found[1] in {*dir(holder), *getattr(holder, "_names", ()), *HIT_FIELDS, "samples"}, advice

@@ -48,7 +48,10 @@ def upload(device: Device, made: Callable[[Any], Any], array: np.ndarray, name: 
 
 def quad(x: float, y: float, z: float, size: float = 1.0) -> np.ndarray:
     """Two triangles without indices, facing +z, from (x, y) to (x + size, y + size)."""
-    a, b, c, d = ((x, y, z), (x + size, y, z), (x + size, y + size, z), (x, y + size, z))
+    a = (x, y, z)
+    b = (x + size, y, z)
+    c = (x + size, y + size, z)
+    d = (x, y + size, z)
     return np.array([a, b, c, a, c, d], np.float32)
 
 

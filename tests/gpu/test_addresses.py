@@ -108,7 +108,9 @@ def test_shaders_compute_the_same(shaders, any_device, monkeypatch):
 
 def inlined(spirv: bytes) -> int:
     """How many instructions the entry point has once all functions are inlined, as drivers do."""
-    sizes, calls, current = Counter[int](), dict[int, list[int]](), 0
+    sizes = Counter[int]()
+    calls = dict[int, list[int]]()
+    current = 0
     for words in instructions(spirv):
         op = int(words[0]) & 0xFFFF
         if op == 15:  # OpEntryPoint

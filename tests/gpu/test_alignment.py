@@ -44,7 +44,8 @@ def too_small(spirv):
         return max([largest(inner) for inner in operands if inner in types], default=4)
 
     for line in text.splitlines():
-        if found := ACCESS.search(line):
+        found = ACCESS.search(line)
+        if found:
             name = found[1] or values[found[2]]
             if int(found[3]) < largest(name):
                 yield line.strip()

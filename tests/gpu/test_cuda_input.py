@@ -266,7 +266,9 @@ def test_lamps_of_tensors_move_on_the_host(gpu):
 
 def test_tensors_use_memory_again(gpu):
     """By work that waits until it was read. Numbers that no shader takes go by the host."""
-    inputs, calls, live = gpu.cuda_inputs, gpu.library.calls, []
+    inputs = gpu.cuda_inputs
+    calls = gpu.library.calls
+    live = []
     ways = len(inputs._ways)
     for index in range(9):
         taken = inputs.take(GpuTensor(gpu, np.full((5, 4, 4), index, np.float32)))

@@ -191,7 +191,9 @@ def test_later_frames_leave_tensors_alone(device, cuda):
 
 def test_given_tensors_stay_on_the_device(device, cuda):
     """Poses and transforms show what arrays show; no host waits for a late stream, and no later change is seen."""
-    boxes, worlds, taken = ["short block", "tall block"], 4, []
+    boxes = ["short block", "tall block"]
+    worlds = 4
+    taken = []
     rng = np.random.default_rng(1)
     poses = np.stack(
         [
@@ -237,7 +239,9 @@ def test_given_tensors_stay_on_the_device(device, cuda):
 @pytest.mark.parametrize("kind", ["batch", "reference", "realtime"])
 def test_given_vertices_stay_on_the_device(device, cuda, kind):
     """A mesh shows what arrays show; no host waits for a late stream, and no later change of the tensor is seen."""
-    camera, taken, frames = sv.Camera.look_at((1, 1, -2.5), (1, 1, 1)), [], 12
+    camera = sv.Camera.look_at((1, 1, -2.5), (1, 1, 1))
+    taken = []
+    frames = 12
     for on_card in (False, True):
         scene, mesh = sv.builtin("cornell_box"), sv.shapes.sphere(0.3, 64)
         scene.add(sv.Instance(mesh, position=(1, 0.9, 0.2), name="ball"))
@@ -274,7 +278,8 @@ class _shown:
         if kind == "batch":
             self._renderer = sv.Batch(device, scene, SIZE, 1, outputs=("depth", "shading_normal", "motion_vectors"))
         else:
-            self._renderer = (sv.PathTracer if kind == "reference" else sv.Renderer)(device, scene, SIZE)
+            renderer = sv.PathTracer if kind == "reference" else sv.Renderer
+            self._renderer = renderer(device, scene, SIZE)
 
     def __enter__(self):
         return self

@@ -74,9 +74,10 @@ def test_levels_have_the_bits_of_the_host(gpu, size, monkeypatch):  # noqa: F811
 def frames_of(kind, device, scene):
     """What a renderer of a kind shows of a scene, frame by frame."""
     if kind in ("reference", "realtime"):
-        with (sv.PathTracer if kind == "reference" else sv.Renderer)(device, scene, SIZE) as renderer:
+        maker, options = (sv.PathTracer, {"samples": 2}) if kind == "reference" else (sv.Renderer, {})
+        with maker(device, scene, SIZE) as renderer:
             while True:
-                frame = renderer.render(CAMERA, **({"samples": 2} if kind == "reference" else {}))
+                frame = renderer.render(CAMERA, **options)
                 yield {"radiance": frame["radiance"]}
     scenes = [scene, sv.builtin("cornell_box")] if kind == "scenes" else scene
     worlds = {"worlds": 2} if kind == "worlds" else {}
@@ -229,7 +230,9 @@ def test_texels_outlive_the_device():
 @pytest.mark.parametrize("gpu", ["cuda"], indirect=True)
 def test_the_host_waits_for_no_stream_and_edits_keep_no_memory(gpu):  # noqa: F811
     scene, image = textured()
-    late, live, paint = threading.Event(), [], scene.instances["ball"].material
+    late = threading.Event()
+    live = []
+    paint = scene.instances["ball"].material
     with sv.Batch(gpu, scene, SIZE, 1, outputs=["albedo"]) as batch:
         for seed in range(6):  # makes what the first frames need
             image.pixels = GpuTensor(gpu, random_pixels((33, 18, 3), np.uint8, seed))

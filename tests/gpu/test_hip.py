@@ -26,7 +26,9 @@ class Library:
     """What libamdhip64 is to cffi, as far as it is declared: maps the exported memory, and records calls."""
 
     def __init__(self, failing=""):
-        self.calls, self._failing, self._maps = [], failing, []
+        self.calls = []
+        self._failing = failing
+        self._maps = []
 
     known = {*cuda._HIP.values(), "hipDeviceGetByPCIBusId"}
 

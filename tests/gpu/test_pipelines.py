@@ -276,7 +276,9 @@ def test_a_failure_names_its_pass_and_leaves_nothing(own_device, stage, shaders,
 
 def test_an_interrupt_waits_for_the_threads_and_leaves_nothing(own_device, stage, shaders, monkeypatch):
     """What a thread uses must not be destroyed before the thread ends."""
-    waiting, started, ended = threading.Event(), [], []
+    waiting = threading.Event()
+    started = []
+    ended = []
 
     def wait(futures: Any) -> None:
         waiting.set()

@@ -21,10 +21,16 @@ PATHS = sorted(
 OWN_QUERIES = {
     path for path in PATHS if re.match(r"passes/conformance/(positions|probe|probe_debug|trace)\.(comp|frag)", path)
 }
-CLOSEST, ANY, FRONT = 0x1, 0x5, 0x11  # opaque; and terminate on the first hit; or cull back faces
+# Ray flags: opaque; opaque and terminate on the first hit; opaque and cull back faces.
+CLOSEST = 0x1
+ANY = 0x5
+FRONT = 0x11
 VISIBILITY = 0xD  # opaque, terminate on the first hit, skip the closest-hit shader
 TRACE_RAY = 4445
-SPEC_CONSTANT_FALSE, SPEC_CONSTANT_OP, SELECT, BITWISE_OR = 49, 52, 169, 197
+SPEC_CONSTANT_FALSE = 49
+SPEC_CONSTANT_OP = 52
+SELECT = 169
+BITWISE_OR = 197
 
 START = """#include "scene/trace.glsl"
 layout(

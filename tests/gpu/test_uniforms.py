@@ -119,7 +119,9 @@ RECORD = np.dtype(
 def test_packs_as_numpy_does():
     packed, expected = np.zeros(1, RECORD), np.zeros(1, RECORD)
     matrix = np.random.default_rng(0).normal(size=(4, 3))
-    expected["matrix"][0], expected["count"], expected["place"][0] = matrix, 2**32 - 1, (0.1, -2)
+    expected["matrix"][0] = matrix
+    expected["count"] = 2**32 - 1
+    expected["place"][0] = (0.1, -2)
     expected["far"], expected["address"] = -5, 1 << 50
     for names, values in (
         (["matrix", "count"], [*matrix.ravel().tolist(), 2**32 - 1]),

@@ -16,7 +16,10 @@ from solari_vk.output.cutout import backdrop
 from solari_vk.output.tone_mapping import decode_srgb
 from solari_vk.scene.lights.environment import Environment
 
-RED, GREEN, BLUE, YELLOW = (255, 0, 0), (0, 255, 0), (0, 0, 255), (255, 255, 0)
+RED = (255, 0, 0)
+GREEN = (0, 255, 0)
+BLUE = (0, 0, 255)
+YELLOW = (255, 255, 0)
 
 
 @pytest.fixture

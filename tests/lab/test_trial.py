@@ -409,7 +409,8 @@ def test_the_guide_has_all_differences():
 @pytest.fixture(params=["cycles", "mitsuba", "luxcore"])
 def judge(request, tmp_path):
     """Renders by a renderer that is installed: judge(scene, camera, samples), the picture."""
-    if why := KINDS[request.param].missing(PYTHON):
+    why = KINDS[request.param].missing(PYTHON)
+    if why:
         pytest.skip(f"{request.param}: {why}")
     file = floor(tmp_path / "floor.glb")
 

@@ -68,7 +68,9 @@ def test_auto_exposure_leaves_black_and_broken_pixels_out():
     picture[0] = 7
     expected = auto_exposure(np.full((1, 1, 3), 7.0))
     assert auto_exposure(picture) == pytest.approx(expected)
-    picture[1, 0], picture[1, 1], picture[1, 2] = np.nan, np.inf, 1e-30
+    picture[1, 0] = np.nan
+    picture[1, 1] = np.inf
+    picture[1, 2] = 1e-30
     assert auto_exposure(picture) == pytest.approx(expected)
     assert auto_exposure(np.zeros((4, 4, 3))) == 0
 

@@ -129,7 +129,9 @@ def markdown_table(ours, our_error, theirs, their_error):
 def luminaire(device, python, file, points, **turned):
     """Illuminances in lux on surfaces at points (N, 3) that face a luminaire in the origin: ours, which may be turned,
     and theirs."""
-    root, folder, scene = package(python), file.parent, file.with_suffix("")
+    root = package(python)
+    folder = file.parent
+    scene = file.with_suffix("")
     run_radiance(root, "ies2rad", "-t", "white", "-dm", "-o", str(scene), str(file))
     (folder / "luminaire.oct").write_bytes(run_radiance(root, "oconv", str(scene.with_suffix(".rad")), folder=folder))
     normals = -points / np.linalg.norm(points, axis=1)[:, None]
@@ -141,7 +143,8 @@ def luminaire(device, python, file, points, **turned):
 @pytest.fixture
 def python():
     """The Python that has Radiance."""
-    if why := Kind("Radiance", "", "pyradiance").missing(PYTHON):
+    why = Kind("Radiance", "", "pyradiance").missing(PYTHON)
+    if why:
         pytest.skip(f"Radiance: {why}")
     return PYTHON
 

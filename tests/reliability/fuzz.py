@@ -101,7 +101,9 @@ def fuzz(kind: str, folder: Path, count: int, number: int, outside: list[str]) -
         subject.write(changes)
         counts[load(subject, outside)] += 1
 
-    (seed(number)(check) if number else check)()
+    if number:
+        check = seed(number)(check)
+    check()
     return counts
 
 
@@ -124,7 +126,10 @@ def expired(*_: Any) -> None:
 
 
 def main() -> None:
-    folder, count, number, kinds = Path(sys.argv[1]), int(sys.argv[2]), int(sys.argv[3]), sys.argv[4:]
+    folder = Path(sys.argv[1])
+    count = int(sys.argv[2])
+    number = int(sys.argv[3])
+    kinds = sys.argv[4:]
     resource.setrlimit(resource.RLIMIT_AS, (MEMORY_LIMIT, MEMORY_LIMIT))
     warnings.simplefilter("ignore", UserWarning)  # of pictures with an unusual shape, and the like
     signal.signal(signal.SIGALRM, expired)

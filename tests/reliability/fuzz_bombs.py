@@ -166,7 +166,8 @@ def dds(draw: Draw) -> bytes:
 def ktx2(draw: Draw) -> bytes:
     """Levels that expand to more than the picture, and headers that say other sizes than the data."""
     files = [KTX2_ETC1S, KTX2_UASTC, KTX2_UASTC_ZSTD]
-    if which := draw(st.integers(0, 3)):
+    which = draw(st.integers(0, 3))
+    if which:
         data = bytearray(files[which - 1])
     else:
         level = bytes(2 ** draw(st.integers(10, 27)))
@@ -192,7 +193,9 @@ def image(draw: Draw, folder: Path) -> Path:
 
 
 def hdr(draw: Draw, folder: Path) -> Path:
-    width, height, path = draw(SIDE), draw(SIDE), folder / "bomb.hdr"
+    width = draw(SIDE)
+    height = draw(SIDE)
+    path = folder / "bomb.hdr"
     row = bytes((2, 2, width >> 8, width & 255)) + (b"\xff\x09" * (width // 127) + bytes((128 + width % 127, 9))) * 4
     lines = b"EXPOSURE=1\n" * draw(FEW)
     data = row * (height if width * height <= FILLED else 1)

@@ -172,28 +172,46 @@ def command_line(draw: Callable[[st.SearchStrategy[Any]], Any]) -> list[str]:
     """The words of one command with some of its options, of which few have the values that they should."""
     text = st.text(st.characters(exclude_characters="\0"), max_size=20)  # no system passes a null character
     values = st.one_of(*map(st.sampled_from, (NUMBERS, TEXTS, FILES, ADDRESSES, SOURCES)), text)
-    words, parser = [], make_parser(COMMANDS)
-    while (below := [action for action in parser._actions if isinstance(action, argparse._SubParsersAction)]) and (
-        not words or draw(st.booleans())
-    ):
-        words.append(draw(st.sampled_from(sorted(below[0].choices))))
-        parser = below[0].choices[words[-1]]
+    words, parser = drawn_command(draw)
     if draw(st.integers(0, 9)) == 0:
         return [*words, *draw(st.lists(values, max_size=3))]
-    options = [action for action in parser._actions if action.option_strings and "-h" not in action.option_strings]
-    required = [action for action in options if action.required]
-    for action in required + (draw(st.lists(st.sampled_from(options), max_size=4)) if options else []):
-        name = draw(st.sampled_from(action.option_strings))
-        if action.nargs == 0:
-            words.append(name)
-            continue
-        likely = FILES if action.dest in ("output", "markdown") else sorted(map(str, action.choices or NUMBERS))
-        value = draw(st.one_of(st.sampled_from(likely), values))
-        words += [f"{name}={value}"] if draw(st.booleans()) and name[:2] == "--" else [name, value]
+    for action in drawn_options(draw, parser):
+        words += option_words(draw, action, values)
     for action in parser._actions:
         if not action.option_strings and not isinstance(action, argparse._SubParsersAction):
             words.append(draw(st.one_of(st.sampled_from([*SOURCES[:1] * 20, *FILES]), values)))
     return words
+
+
+def drawn_command(draw: Callable[[st.SearchStrategy[Any]], Any]) -> tuple[list[str], argparse.ArgumentParser]:
+    """The name of a command, perhaps with that of a command below it, and its parser."""
+    words: list[str] = []
+    parser = make_parser(COMMANDS)
+    while True:
+        below = [action for action in parser._actions if isinstance(action, argparse._SubParsersAction)]
+        if not below or (words and not draw(st.booleans())):
+            return words, parser
+        words.append(draw(st.sampled_from(sorted(below[0].choices))))
+        parser = below[0].choices[words[-1]]
+
+
+def drawn_options(draw: Callable[[st.SearchStrategy[Any]], Any], parser: argparse.ArgumentParser) -> list[Any]:
+    """The options that a command requires, and some of all."""
+    options = [action for action in parser._actions if action.option_strings and "-h" not in action.option_strings]
+    required = [action for action in options if action.required]
+    if not options:
+        return required
+    return required + draw(st.lists(st.sampled_from(options), max_size=4))
+
+
+def option_words(draw: Callable[[st.SearchStrategy[Any]], Any], action: Any, values: Any) -> list[str]:
+    """An option with its value, in one word or in two."""
+    name = draw(st.sampled_from(action.option_strings))
+    if action.nargs == 0:
+        return [name]
+    likely = FILES if action.dest in ("output", "markdown") else sorted(map(str, action.choices or NUMBERS))
+    value = draw(st.one_of(st.sampled_from(likely), values))
+    return [f"{name}={value}"] if draw(st.booleans()) and name[:2] == "--" else [name, value]
 
 
 def run_command(words: list[str]) -> None:

@@ -270,7 +270,9 @@ def _hdr(folder: Path) -> list[bytes]:
 
 
 def _exr(folder: Path) -> list[bytes]:
-    colors, path, files = np.random.default_rng(3).random((8, 16, 3)).astype(np.float32), folder / "seed.exr", []
+    colors = np.random.default_rng(3).random((8, 16, 3)).astype(np.float32)
+    path = folder / "seed.exr"
+    files = []
     for compression in (OpenEXR.ZIP_COMPRESSION, OpenEXR.PIZ_COMPRESSION, OpenEXR.NO_COMPRESSION):
         for kind in (OpenEXR.scanlineimage, OpenEXR.tiledimage):
             header = {"compression": compression, "type": kind}

@@ -137,7 +137,9 @@ def _image(files: Sequence[tuple[bytes, str]], path: Path) -> Subject:
 
 
 def _mesh(kind: str, path: Path) -> Subject:
-    data, materials, picture = mesh_file(kind), path.with_name("model.mtl"), image_file(np.zeros((2, 2, 3)))
+    data = mesh_file(kind)
+    materials = path.with_name("model.mtl")
+    picture = image_file(np.zeros((2, 2, 3)))
     path.write_bytes(data)
     materials.write_bytes(MTL)
     path.with_name("wood.png").write_bytes(picture)
@@ -205,7 +207,9 @@ def _transforms(folder: Path) -> Subject:
 
 
 def _journal(folder: Path) -> Subject:
-    path, camera, style = folder / "views.jsonl", sv.builtin("cornell_box").camera, Style((6, 4))
+    path = folder / "views.jsonl"
+    camera = sv.builtin("cornell_box").camera
+    style = Style((6, 4))
     tasks = [RenderTask(style, number, (View(f"{number}.npy", camera),)) for number in range(3)]
     made_of = {"scene": "abc", "style": style}
     journal = Journal(path, made_of)

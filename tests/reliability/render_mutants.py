@@ -105,7 +105,9 @@ def features_of(kind: str, folder: Path) -> frozenset[str]:
 def fuzz(kind: str, folder: Path, count: int, seed: str, stage: Stage) -> Counter[str]:
     """What came of each mutant of a kind."""
     folder.mkdir()
-    subject, counts, number = open_subject(kind, folder), Counter[str](), 0
+    subject = open_subject(kind, folder)
+    counts = Counter[str]()
+    number = 0
     while counts["rendered"] + counts["refused"] < count:
         subject.write(random.Random(f"{seed} {kind} {number}"))
         number += 1
@@ -121,7 +123,10 @@ def fuzz(kind: str, folder: Path, count: int, seed: str, stage: Stage) -> Counte
 
 
 def main() -> None:
-    folder, count, seed, kinds = Path(sys.argv[1]), int(sys.argv[2]), sys.argv[3], sys.argv[4:]
+    folder = Path(sys.argv[1])
+    count = int(sys.argv[2])
+    seed = sys.argv[3]
+    kinds = sys.argv[4:]
     warnings.simplefilter("ignore", UserWarning)
     # The scene has the features of all kinds from the start, so that pipelines are compiled once.
     features = frozenset.union(*(features_of(kind, folder / f"{kind} as it should be") for kind in kinds))

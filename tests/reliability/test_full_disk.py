@@ -35,7 +35,10 @@ class Disk:
     def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
         self.written: list[tuple[Path, int]] = []
         self.begin()
-        beside, remove, replace, append = files._beside, files._remove, os.replace, Journal._append
+        beside = files._beside
+        remove = files._remove
+        replace = os.replace
+        append = Journal._append
 
         def start(path: Path) -> Path:
             self.written.append((path, 0))
@@ -77,7 +80,9 @@ class Disk:
     def begin(self, number: int = -1, fitting: int = 0) -> None:
         """From now on, this number of bytes of the file of this number fit."""
         self.written.clear()
-        self._number, self._fitting, self._full = number, fitting, None
+        self._number = number
+        self._fitting = fitting
+        self._full = None
 
 
 @pytest.fixture

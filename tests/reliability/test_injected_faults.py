@@ -38,7 +38,10 @@ class Faults:
     """Counts the calls of some functions of a device, and makes one of them return an error in place of being made."""
 
     def __init__(self, device: sv.Device, names: Sequence[str], error: int) -> None:
-        self.error, self.fail_at, self.calls, self.failed = error, -1, 0, ""
+        self.error = error
+        self.fail_at = -1
+        self.calls = 0
+        self.failed = ""
         self.said: list[str] = []
         for name in names:
             function = getattr(device.vk, name)
@@ -61,7 +64,10 @@ class Faults:
         whether the run creates its pipelines anew."""
         if compiles:
             device.trim()
-        self.fail_at, self.calls, self.failed, self.said = fail_at, 0, "", []
+        self.fail_at = fail_at
+        self.calls = 0
+        self.failed = ""
+        self.said = []
 
         def attempt(step: Callable[[], Any]) -> Any:
             for last in (number == tries - 1 for number in range(tries)):

@@ -177,7 +177,9 @@ def solids(folder, n):
 
 def radiance(folder, n):
     """Runs of one color."""
-    path, width, height = folder / "bomb.hdr", 512 * n, 256
+    path = folder / "bomb.hdr"
+    width = 512 * n
+    height = 256
     runs = [bytes((128 + min(width - start, 127), 9)) for start in range(0, width, 127)]
     row = bytes((2, 2, width >> 8, width & 255)) + b"".join(4 * runs)
     path.write_bytes(b"#?RADIANCE\n\n-Y %d +X %d\n" % (height, width) + row * height)
@@ -321,5 +323,6 @@ def test_the_environment_sets_the_budget(tmp_path, monkeypatch, value):
 @pytest.mark.parametrize("name", ["pipe.glb", "pipe.obj", "pipe.hdr", "pipe.exr", "pipe.png"])
 def test_pipes_are_refused_at_once(tmp_path, name):
     os.mkfifo(tmp_path / name)
+    read = sv.load if name.endswith(("glb", "obj")) else sv.Environment
     with pytest.raises(sv.SolariError, match="not a readable file: give the path of a regular file"):
-        (sv.load if name.endswith(("glb", "obj")) else sv.Environment)(tmp_path / name)
+        read(tmp_path / name)

@@ -22,7 +22,9 @@ def device_times(control, target, frames=400, paths=lambda frame: 4.0, cuts=(), 
     """The times of the frames of a device whose other passes take 2 ms and its paths `paths(frame)` at a share of 1,
     each up to `noise` (a standard deviation); they are known `delay` frames later. After a cut pixels take two paths
     for 8 frames, one at least in the first, at first of 1.5 times the length. Hitches take ten times as long."""
-    random, times, history = np.random.default_rng(1), [], 0.0
+    random = np.random.default_rng(1)
+    times = []
+    history = 0.0
     for frame in range(frames):
         if frame >= delay:
             control.record_times(frame - delay, times[frame - delay])

@@ -192,7 +192,9 @@ def test_uniforms_follow_seed_history_and_frames(renderer, scene):
 
 def test_uniforms_outlast_other_blocks(renderer, scene):
     """Changed shaders may declare other uniform blocks, to which all values must be written."""
-    renderer.settings.jitter, renderer.seed, renderer.view = False, 7, "depth"
+    renderer.settings.jitter = False
+    renderer.seed = 7
+    renderer.view = "depth"
     for _ in range(2):
         renderer.render(scene.camera)
     uniforms = renderer._frame.uniforms

@@ -163,7 +163,9 @@ def test_a_studio_faces_the_camera_and_follows_exposure():
     studio_lights(scene, ev100=5, camera=camera)
     key = scene.environment.brightest
     assert key.min() > 0.3, "in front of the camera, above, at its left"
-    light, bounds, framed = scene.environment.flux, scene.bounds, scene.camera.transform
+    light = scene.environment.flux
+    bounds = scene.bounds
+    framed = scene.camera.transform
     assert bounds.radius < 6, "without the floor"
     assert np.abs(framed[:3, 3]).max() < 20
     studio_lights(scene, ev100=5, camera=camera)

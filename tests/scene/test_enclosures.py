@@ -76,7 +76,8 @@ def lit_share(scene):
     every = enclosures.largest_triangles(list(scene))
     shown, bright = [], []
     for instance in scene:  # without the faces that cameras don't see
-        a, b, c = (triangles := enclosures.largest_triangles([instance])).swapaxes(0, 1)
+        triangles = enclosures.largest_triangles([instance])
+        a, b, c = triangles.swapaxes(0, 1)
         front = (np.cross(b - a, c - a) * (eye - a)).sum(axis=1) > 0
         shown.append(triangles[front | instance.material.double_sided])
         bright += [instance.material.unlit] * len(shown[-1])

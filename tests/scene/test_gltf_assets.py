@@ -67,7 +67,8 @@ def test_assets_are_visible(device, name, asset):
 def test_a_room_of_the_dungeon_kit_is_visible(device, asset):
     kit = asset("kaykit_dungeon")
     file = Path(__file__).parents[2] / "tools" / "dungeon_room.py"
-    module = importlib.util.module_from_spec(spec := importlib.util.spec_from_file_location("dungeon_room", file))
+    spec = importlib.util.spec_from_file_location("dungeon_room", file)
+    module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
     room = module.dungeon_room(kit)
     assert not room.warnings

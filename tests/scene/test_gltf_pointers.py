@@ -50,7 +50,9 @@ def camera(scene):
     return scene.cameras[0]
 
 
-M, L, E = "/materials/0/", f"/extensions/{LIGHTS}/lights/0/", "extensions/KHR_materials_"
+M = "/materials/0/"
+L = f"/extensions/{LIGHTS}/lights/0/"
+E = "extensions/KHR_materials_"
 
 
 @pytest.mark.parametrize(

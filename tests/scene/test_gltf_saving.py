@@ -277,7 +277,8 @@ def test_hidden_instances_of_clips_stay_hidden(machine, tmp_path):
 
 def test_the_backdrop_and_the_default_camera_may_follow_clips(machine, tmp_path):
     """Of two cameras, of which the second is read first."""
-    machine.animations[0].rig.attach(second := sv.Camera(name="second"), 1)
+    second = sv.Camera(name="second")
+    machine.animations[0].rig.attach(second, 1)
     machine.add(second)
     machine.animate(0, "rest")
     machine.backdrop = machine.instances["box"]
@@ -431,7 +432,8 @@ def test_a_file_of_another_ending_is_refused_and_nothing_is_lost_when_writing_fa
     replace = os.replace
 
     def fail_for_the_main_file(source, target):
-        (fail if str(source).endswith(".gltf") else replace)(source, target)
+        change = fail if str(source).endswith(".gltf") else replace
+        change(source, target)
 
     for broken in (fail, fail_for_the_main_file):
         monkeypatch.setattr(os, "replace", broken)

@@ -12,7 +12,9 @@ from solari_vk.scene.images.mip_chain import LINEAR_OF_SRGB
 UVS = [[0, 0], [1, 0], [0, 1]]
 SPECULAR = np.array([[[255, 196, 92, 230], [60, 60, 60, 128], [200, 20, 120, 0], [255, 255, 255, 255]]])
 DIFFUSE = np.array([[[0, 0, 0, 255], [188, 100, 50, 200], [200, 200, 200, 64], [90, 90, 90, 0]]])
-DIFFUSE_FACTOR, SPECULAR_FACTOR, GLOSSINESS = np.array([0.9, 0.8, 0.7, 0.5]), np.array([1.0, 0.75, 0.5]), 0.6
+DIFFUSE_FACTOR = np.array([0.9, 0.8, 0.7, 0.5])
+SPECULAR_FACTOR = np.array([1.0, 0.75, 0.5])
+GLOSSINESS = 0.6
 
 
 def load(writer, textures=(), **fields):

@@ -14,7 +14,9 @@ BOX = sv.shapes.box()
 def test_what_is_in_a_group_moves_with_it():
     scene = sv.Scene()
     wheel, cabin = scene.add(BOX, position=(1, 0, 0), name="wheel"), sv.Instance(BOX, position=(0, 1, 0))
-    lamp, sun, camera = sv.SpotLight((2, 0, 0), (1, 0, 0)), sv.DirectionalLight((1, 0, 0)), sv.Camera()
+    lamp = sv.SpotLight((2, 0, 0), (1, 0, 0))
+    sun = sv.DirectionalLight((1, 0, 0))
+    camera = sv.Camera()
     wheels = scene.group("wheel")
     car = scene.group(wheels, cabin, lamp, sun, camera, name="car")
     assert set(scene.instances) == {wheel, cabin}

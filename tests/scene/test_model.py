@@ -273,7 +273,9 @@ def test_colors_and_materials_of_trimesh():
 
 
 def test_watchers_are_notified_once_per_change_and_held_weakly():
-    notes, other, material = Notes(), Notes(), Material()
+    notes = Notes()
+    other = Notes()
+    material = Material()
     for watcher in (notes, notes, other):
         material.watch(watcher)
     material.metallic = 0.5

@@ -254,7 +254,9 @@ class Page:
     """The widget in a browser's page."""
 
     def __init__(self, page, widget):
-        self.page, self.widget, self.asked = page, widget, []
+        self.page = page
+        self.widget = widget
+        self.asked = []
         _, data, _ = widget.comm.sent[0]
         page.expose_function("tell", self._tell)
         page.set_content("<!doctype html><body style='margin: 0; height: 4000px'>")

@@ -320,7 +320,10 @@ DOWN = np.array([0.0, 0.0, -1.0])
 
 def quad_corners(x=0.0, y=0.0, z=0.0):
     """Two triangles without indices, facing +z, of the unit square at (x, y, z)."""
-    a, b, c, d = ((x, y, z), (x + 1, y, z), (x + 1, y + 1, z), (x, y + 1, z))
+    a = (x, y, z)
+    b = (x + 1, y, z)
+    c = (x + 1, y + 1, z)
+    d = (x, y + 1, z)
     return np.array([a, b, c, a, c, d], np.float32)
 
 

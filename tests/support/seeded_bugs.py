@@ -113,7 +113,7 @@ def seeded(*bugs):
         folder = Path(name)
         for bug in bugs:
             roots = (folder, *compiler.overlays, GLSL)  # so that contexts nest, also in one file
-            source = next(path for root in roots if (path := root / bug.file).is_file())
+            source = next(root / bug.file for root in roots if (root / bug.file).is_file())
             (folder / bug.file).parent.mkdir(parents=True, exist_ok=True)
             (folder / bug.file).write_text(bug.apply(source.read_text(encoding="utf-8")), encoding="utf-8")
         compiler.overlays.insert(0, folder)

@@ -48,7 +48,8 @@ def scheduler():
     """A scheduler of dask in a process of its own, with its address."""
     with process("distributed.cli.dask_scheduler", "--host", "127.0.0.1", "--port", "0", "--no-dashboard") as started:
         for line in started.stderr:
-            if found := re.search(r"Scheduler at:\s+(tcp://[\d.:]+)", line):
+            found = re.search(r"Scheduler at:\s+(tcp://[\d.:]+)", line)
+            if found:
                 yield started, found[1]
                 return
         raise AssertionError("the scheduler didn't start")
@@ -267,7 +268,8 @@ def test_ctrl_c_in_a_terminal_keeps_what_is_done(any_device, tmp_path):
     try:
         said = ""
         while " of 1000000 samples a pixel" not in said:
-            said += (line := started.stderr.readline())
+            line = started.stderr.readline()
+            said += line
             assert line, said
         os.killpg(started.pid, signal.SIGINT)
         said += started.communicate(timeout=60)[1]

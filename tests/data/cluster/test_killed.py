@@ -35,7 +35,9 @@ def killed(folder, pictures, seconds):
 
 @pytest.mark.slow
 def test_fifty_kills(any_device, tmp_path):
-    rng, there, ended = np.random.default_rng(30), [], []
+    rng = np.random.default_rng(30)
+    there = []
+    ended = []
     assert main([*WORDS, "-o", str(tmp_path / "fresh")]) == 0
     fresh = contents(tmp_path / "fresh")
     for _ in range(KILLS):

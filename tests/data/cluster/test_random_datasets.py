@@ -191,7 +191,9 @@ def test_keypoints(recipe, tmp_path):
     coco = coco_tools.COCO(folder / "annotations.json")
     (block,) = coco.loadCats(coco.getCatIds(["block"]))
     assert block["keypoints"] == list(named)
-    scene, camera_of, states = sv.builtin("cornell_box"), sv.Views(folder).cameras, set()
+    scene = sv.builtin("cornell_box")
+    camera_of = sv.Views(folder).cameras
+    states = set()
     randomizer = sv.Randomizer.load(recipe / "random.yaml", 0)
     randomizer.prepare(scene)
     with sv.Device() as device, sv.RayTracer(device, scene) as tracer:

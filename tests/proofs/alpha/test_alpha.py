@@ -129,7 +129,9 @@ def check_lamps(device):
 
 def check_mask(device):
     """Camera rays and rays of arrays agree with the alpha texture about every pixel."""
-    texture, cutoff, factor = checkers(3), 0.4, 0.8
+    texture = checkers(3)
+    cutoff = 0.4
+    factor = 0.8
     material = sv.Material(**BLACK, base_color_texture=texture, alpha=factor, emissive=1.0)
     material.update(alpha_mode="mask", alpha_cutoff=cutoff)
     covered = texture.image.pixels[::-1, :, 3] / 255 * factor >= cutoff  # the image's first row is below

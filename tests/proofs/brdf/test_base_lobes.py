@@ -128,7 +128,10 @@ def test_draws(shaders, case):
     (roughness, metallic, degrees), count = CASES[case], 1_000_000
     material, wo = material_records(0.8, 0.5, metallic, roughness), direction_at(degrees)
     rows = run_brdf(shaders, "draw", count, material, wo)
-    wi, weight, (pdf, drawn_pdf, probability), value = rows[:, 0], rows[:, 1], rows[:, 2].T, rows[:, 3]
+    wi = rows[:, 0]
+    weight = rows[:, 1]
+    pdf, drawn_pdf, probability = rows[:, 2].T
+    value = rows[:, 3]
     mirrored = np.isinf(drawn_pdf)
     valid = ~mirrored & (wi[:, 2] > 0)
     np.testing.assert_allclose(weight[valid] * pdf[valid, None] / np.maximum(value[valid], 1e-20), 1, rtol=2e-3)
@@ -237,7 +240,9 @@ def test_table_holds_the_albedo(shaders):
 
 # ---- each check can fail ----------------------------------------------------------------------------
 
-BRDF, MICROFACET, SPECULAR = "scene/brdf.glsl", "scene/microfacet.glsl", "scene/lobes/specular.glsl"
+BRDF = "scene/brdf.glsl"
+MICROFACET = "scene/microfacet.glsl"
+SPECULAR = "scene/lobes/specular.glsl"
 METAL, NUMBERS = with_shaders(test_draws, "metal"), with_shaders(test_numbers, 50_000)
 test_a_seeded_bug_is_noticed = bug_tests(
     {

@@ -178,7 +178,9 @@ def check_samples(shaders):
     wo = np.tile(direction_at(50), (50_000, 1))
     for name, base in BASES.items():
         rows = run(shaders, "draw", [film(1.8, 300, roughness=0.4, **base)], wo).astype(np.float64)
-        weight, (pdf, drawn_pdf, _), value = rows[:, 1], rows[:, 2].T, rows[:, 3]
+        weight = rows[:, 1]
+        pdf, drawn_pdf, _ = rows[:, 2].T
+        value = rows[:, 3]
         valid = (drawn_pdf > 0) & (rows[:, 0, 2] != 0)
         off = np.abs(weight[valid] * pdf[valid, None] - value[valid]) / np.maximum(value[valid], 1e-4)
         assert valid.mean() > 0.8, name

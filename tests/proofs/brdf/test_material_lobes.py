@@ -174,7 +174,10 @@ def check_draws(shaders, count, names=tuple(DRAWN)):
     for name in names:
         record = material_records(**{"base_color": 0.8, **DRAWN[name]})
         rows = run(shaders, "draw", count, record, wo).astype(np.float64)
-        wi, weight, (pdf, drawn_pdf, _), value = rows[:, 0], rows[:, 1], rows[:, 2].T, rows[:, 3]
+        wi = rows[:, 0]
+        weight = rows[:, 1]
+        pdf, drawn_pdf, _ = rows[:, 2].T
+        value = rows[:, 3]
         valid = (drawn_pdf > 0) & (wi[:, 2] != 0)
         off = np.abs(weight[valid] * pdf[valid, None] - value[valid]) / np.maximum(value[valid], 1e-4)
         assert off.max() < 2e-3, name

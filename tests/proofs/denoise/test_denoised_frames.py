@@ -220,7 +220,9 @@ def test_exposure_changes_nothing(device):
 
 def test_bright_lights(device):
     """A lamp of 1e12 cd/m^2 gives the same picture, so many times brighter."""
-    scene, found, factor = cornell_box(), [], 2.0**36
+    scene = cornell_box()
+    found = []
+    factor = 2.0**36
     lamp = scene.instances["lamp"].material
     with make(device, scene) as renderer:
         for scale in (1.0, factor):

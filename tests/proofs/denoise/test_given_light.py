@@ -165,7 +165,9 @@ def check_not_finite(device):
 def check_edges(device):
     """The blur doesn't cross edges: noise around 1 on the left half of the picture, around 3 on the right one, which
     shows another surface, farther away or behind a corner of 90 degrees."""
-    near, far, side = WALL_DISTANCE, 1.5 * WALL_DISTANCE, 5 * WALL_DISTANCE
+    near = WALL_DISTANCE
+    far = 1.5 * WALL_DISTANCE
+    side = 5 * WALL_DISTANCE
     facing = [
         np.array([[x, -side, -z], [x + side, -side, -z], [x + side, side, -z], [x, side, -z]])
         for x, z in ((-side, near), (0.0, far))

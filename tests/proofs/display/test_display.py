@@ -20,7 +20,9 @@ SHOWN = (*GBUFFER, "guides/", "display/", "taa/")
 
 def patches():
     """A scene of one emissive square per pixel, and the squares' radiance."""
-    rng, scene, half = np.random.default_rng(3), sv.Scene(), 0.5 / ROWS
+    rng = np.random.default_rng(3)
+    scene = sv.Scene()
+    half = 0.5 / ROWS
     stops = rng.permutation(np.linspace(-10, 6, ROWS * COLUMNS))[:, None]
     radiance = 1.2 * 2 ** (EV100 + stops) * rng.uniform(0, 1, (ROWS * COLUMNS, 3))
     for index, color in enumerate(radiance):

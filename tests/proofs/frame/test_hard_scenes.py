@@ -64,7 +64,9 @@ def test_a_lamp_under_the_ceiling_of_a_huge_room(device, lighting, scale, asset)
 
 @pytest.mark.parametrize("gap", [0.01, 0.1])
 def test_a_lamp_close_to_the_ceiling(device, lighting, gap):
-    scene, size, effort = sv.builtin("lamp_gap", gap=gap), (24, 24), Effort(12, 24, 16)
+    scene = sv.builtin("lamp_gap", gap=gap)
+    size = (24, 24)
+    effort = Effort(12, 24, 16)
     expected = path_traced(device, scene, 2048, size, seed=9)
     with make_renderer(device, scene, size, **lighting) as renderer:
         found = observe_runs(renderer, scene.camera, effort, radiance)

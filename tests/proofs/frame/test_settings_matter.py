@@ -83,7 +83,9 @@ def live_settings(lighting):
 @pytest.mark.slow
 @pytest.mark.parametrize("lighting", ["paths", "split"])
 def test_every_live_setting_matters(device, lighting):
-    scene, idle, used = scene_of_everything(), [], {"denoise": True, "restir": lighting == "paths"}
+    scene = scene_of_everything()
+    idle = []
+    used = {"denoise": True, "restir": lighting == "paths"}
     with make_renderer(device, scene, SIZE, **FEW, lighting=lighting, **used) as renderer:
         before = results(renderer, scene)
         again = results(renderer, scene)

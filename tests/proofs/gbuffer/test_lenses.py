@@ -51,7 +51,10 @@ def test_pixels_show_what_their_rays_meet(device, name):
     camera = scene.camera
     with make_renderer(device, scene, SIZE, passes=GBUFFER, jitter=False) as renderer:
         frame = renderer.render()
-        found, position, depth, ids = decode_gbuffer(frame), frame["position"], frame["depth"], frame["instance_id"]
+        found = decode_gbuffer(frame)
+        position = frame["position"]
+        depth = frame["depth"]
+        ids = frame["instance_id"]
     seen = np.isfinite(depth)
     np.testing.assert_array_equal(seen, np.isfinite(camera.rays(PIXELS, SIZE)[1]).all(axis=-1))
     assert np.abs(camera.project(position[seen], SIZE) - PIXELS[seen]).max() < 0.01
@@ -82,7 +85,9 @@ def test_motion_follows_the_camera(device, name):
     with make_renderer(device, scene, SIZE, passes=GBUFFER, jitter=False) as renderer:
         renderer.render(before)
         frame = renderer.render(after)
-        motion, position, seen = frame["motion_vectors"] * SIZE, frame["position"], np.isfinite(frame["depth"])
+        motion = frame["motion_vectors"] * SIZE
+        position = frame["position"]
+        seen = np.isfinite(frame["depth"])
     expected = before.project(position, SIZE) - after.project(position, SIZE)
     if name in ("equirectangular", "stereo"):
         expected[..., 0] -= np.round(expected[..., 0] / SIZE[0]) * SIZE[0]

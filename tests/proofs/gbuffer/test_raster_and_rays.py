@@ -86,7 +86,9 @@ def check_motion(device, way="raster", orthographic_height=0.0):
     random, scene = np.random.default_rng(4), material_zoo()
     scene.add(sv.Instance(mesh=shapes.sphere(0.2, 12), material=matte(0.3), transform=place(1.0, (0, 0.5, 0.5))))
     *moving, _, _ = scene.instances
-    camera, worst, largest = dataclasses.replace(scene.camera, orthographic_height=orthographic_height), 0.0, 0.0
+    camera = dataclasses.replace(scene.camera, orthographic_height=orthographic_height)
+    worst = 0.0
+    largest = 0.0
     with make_renderer(device, scene, SIZE, passes=GBUFFER, gbuffer=way) as renderer:
         renderer.render(camera)
         for _ in range(4):

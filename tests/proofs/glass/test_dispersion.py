@@ -21,7 +21,9 @@ import solari_vk as sv
 from solari_vk.scene import shapes
 
 FILE = "scene/lobes/dispersion.glsl"
-IOR, DISPERSION, WIDTH = 1.5, 1.0, 1024
+IOR = 1.5
+DISPERSION = 1.0
+WIDTH = 1024
 CORNERS = [np.array((np.cos(angle), np.sin(angle))) for angle in np.radians((90, 210, 330))]  # of a prism, x and z
 LEFT, RIGHT = (np.array((np.cos(angle), np.sin(angle))) for angle in np.radians((150, 30)))  # normals of its faces
 TOWARDS = np.array((np.cos(np.radians(18.6)), np.sin(np.radians(18.6))))  # a way of least deviation begins so

@@ -11,7 +11,9 @@ from support.statistics import assert_equal, compare
 import solari_vk as sv
 from solari_vk.scene import shapes
 
-SIZE, BOUNCES, BAR = (32, 32), 32, 0.012
+SIZE = (32, 32)
+BOUNCES = 32
+BAR = 0.012
 FRESNEL = ("scene/microfacet.glsl", "dielectric_fresnel")
 # Mitsuba counts the light that is reflected to and fro in a thin wall; KHR_materials_transmission doesn't.
 MANY_REFLECTIONS = Bug(*FRESNEL, "float once = correct(eta, cosine); return 2.0 * once / (1.0 + once);")

@@ -233,7 +233,9 @@ def measure_mirrors(device, name):
     steps = [placed(name, moved) for moved in (1.0, 0.0)]
     reflections = [reflection_in(mirrors) for _, mirrors in steps]
     behind = [np.linalg.inv(chain) @ camera for chain, (camera, _) in zip(reflections, steps, strict=True)]
-    scene, seen, pane = sv.Scene(), things(), shapes.quad((0, 0, 0), (1, 0, 0), (0, 1, 0))
+    scene = sv.Scene()
+    seen = things()
+    pane = shapes.quad((0, 0, 0), (1, 0, 0), (0, 1, 0))
     for thing in seen:
         scene.add(thing).update(transform=behind[1] @ thing.transform)
     mirrors = [scene.add(pane, MIRROR) for _ in MIRRORS[name]]

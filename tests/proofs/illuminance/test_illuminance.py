@@ -86,7 +86,9 @@ def daylight(opening):
 
 def daylight_through_glass():
     """Through a pane in the opening of a ceiling, summed over parts of it; it mirrors a black ground, not the sky."""
-    scene, (low, high), parts = daylight(OPENING), (OPENING.min(axis=0), OPENING.max(axis=0)), 256
+    scene = daylight(OPENING)
+    low, high = (OPENING.min(axis=0), OPENING.max(axis=0))
+    parts = 256
     scene.add(shapes.polygons(OPENING), sv.Material(**GLASS))
     scene.add(shapes.polygons(rectangle((-500, 500), -0.1, (-500, 500))), sv.Material(**BLACK))
     middles = (np.arange(parts) + 0.5) / parts

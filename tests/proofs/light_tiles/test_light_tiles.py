@@ -42,7 +42,9 @@ COLOR, SATURATED = np.array((1.0, 0.3, 0.0)), np.array((1.0, 0.5, 5e-4))
 # Radiance of the lamps (16, 3) in units of white.
 EXPOSED = np.geomspace(1e-4, 1e9, 16)[:, None] * np.where(np.arange(16)[:, None] % 2, SATURATED, COLOR)
 BALL = 10.0
-EV100, LUX, SUN_ANGLE = 9.7, 100_000.0, 0.0093
+EV100 = 9.7
+LUX = 100_000.0
+SUN_ANGLE = 0.0093
 ALONE = {**LIGHT_OFF, "di": True, "di_temporal": False, "di_spatial": False}
 
 

@@ -32,7 +32,9 @@ _CLOSED = ("closed form", "Lambert 1760, KHR_lights_punctual, and disks of const
 _INVARIANT = ("invariance", "the same light, described differently")
 SEEN = Rule("a camera sees the radiance of a light: its intensity, or illuminance, over its outline", *_CLOSED)
 CIRCLE = Rule("a camera sees a light as large as it is", *_CLOSED)
-_AT, _HIGH, _TILTED = (0.3, 1.2, -0.2), (0.5, 3.6, -0.3), (0.3, -1, 0.2)
+_AT = (0.3, 1.2, -0.2)
+_HIGH = (0.5, 3.6, -0.3)
+_TILTED = (0.3, -1, 0.2)
 _ORANGE, _SUN = rgb((1, 0.7, 0.3)), rgb((1, -1.5, 0.3))
 
 
@@ -150,7 +152,9 @@ def measure_floor(device, name, strategy="mis"):
 
 def measure_seen(device):
     """A sphere light and a sun before nothing: the radiance, and the solid angle in which there is light."""
-    radius, distance, intensity = 0.5, 2.0, 3.0
+    radius = 0.5
+    distance = 2.0
+    intensity = 3.0
     sphere = sv.PointLight((0, 0, -distance), intensity=intensity, radius=radius, color=_ORANGE)
     sun = sv.DirectionalLight((0, 0, 1), illuminance=100, angular_diameter=0.5)
     for light, half, radiance in (

@@ -34,7 +34,10 @@ def triangle_grid(side):
 def make_world():
     """A lamp whose texture is black but for one bright and a few dim spots, other lamps, dark ones, and suns."""
     pixels = np.zeros((SIDE, SIDE, 3), np.uint8)
-    pixels[2, 3], pixels[7, 5], pixels[7, 6], pixels[9] = (255, 255, 255), (80, 0, 0), (0, 0, 80), (9, 9, 9)
+    pixels[2, 3] = (255, 255, 255)
+    pixels[7, 5] = (80, 0, 0)
+    pixels[7, 6] = (0, 0, 80)
+    pixels[9] = (9, 9, 9)
     grid = triangle_grid(SIDE)
     ceiling = sv.Mesh(grid.positions * (0.5, 0, 0.5), grid.triangles, uvs=grid.uvs)
     texture = sv.Texture(pixels, magnification="nearest")

@@ -107,7 +107,10 @@ LightHit evaluate_sky(uint index, vec3 direction) {
 #endif
 """,
 }
-HEIGHT, INTENSITY, RADIANCE, ALBEDO = 2.0, 30.0, 0.7, 0.5
+HEIGHT = 2.0
+INTENSITY = 30.0
+RADIANCE = 0.7
+ALBEDO = 0.5
 SIZE = 16, 16
 
 

@@ -24,7 +24,9 @@ PORTALS = [
     ((-0.2, 0.3, 0), (0, 1, 0), (0, 0, 1)),  # close to the first receiver
 ]
 RECEIVERS = [(0, 0, 0), (0.5, 2, -2.2), (40, 9, 30)]
-DRAWS, GRID, CELLS = 300_000, 256, 16
+DRAWS = 300_000
+GRID = 256
+CELLS = 16
 _MAX_Z = NormalDist().inv_cdf(0.9999)
 CHI_SQUARED = Rule("directions through portals have the density that they are given")
 WHOLE = Rule("the density of directions through a portal integrates to the chance of the portal")

@@ -334,7 +334,9 @@ def test_portals_shorten_no_histories(device):
     assert lengths.mean() > 9.5
 
 
-WINDOWS, PORTAL, SAMPLING = "scene/lights/portal_sampling.glsl", "scene/lights/portal.glsl", "scene/sampling.glsl"
+WINDOWS = "scene/lights/portal_sampling.glsl"
+PORTAL = "scene/lights/portal.glsl"
+SAMPLING = "scene/sampling.glsl"
 _TWICE = Bug(WINDOWS, "sum_portal_pdfs", "return 0.0;")
 _DARKER = Bug(
     PORTAL,

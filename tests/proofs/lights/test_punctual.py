@@ -189,7 +189,9 @@ def test_a_lamp_changes_its_kind_with_its_radius(binder):
 def test_a_moved_lamp_is_written_alone(binder, monkeypatch):
     """The rows of all lights, and what is random in them, stay; a brighter lamp changes the choice among all."""
     lights, marked = binder.lights, []
-    ids, powers, positions = lights.ids, lights.powers, lights.positions.copy()
+    ids = lights.ids
+    powers = lights.powers
+    positions = lights.positions.copy()
     monkeypatch.setattr(lights.leaves.table, "mark", marked.extend)
     binder.scene.lights["point"].position = (1, 1, 1)
     binder.scene.lights["spot"].direction = (1, -1, 0)

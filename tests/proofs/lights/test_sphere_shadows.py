@@ -117,7 +117,9 @@ def test_a_lamp_hides_what_is_behind_it(device):
 
 @pytest.mark.slow  # minutes
 def test_frames_have_the_path_tracers_light(device):
-    scene, size, effort = before_a_wall(), (32, 32), Effort(4, 24, 16)
+    scene = before_a_wall()
+    size = (32, 32)
+    effort = Effort(4, 24, 16)
     expected = path_traced(device, scene, 1024, size, max_bounces=64)
     with make_renderer(device, scene, size) as renderer:
         found = observe_runs(renderer, scene.camera, effort, lambda frame: frame["radiance"])

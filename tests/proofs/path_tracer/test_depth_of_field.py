@@ -14,7 +14,9 @@ from solari_vk.scene import shapes
 from solari_vk.scene.builtin import lamp
 
 SIZE = (64, 64)
-FOV, DISTANCE, APERTURE = 0.5, 4.0, 0.4
+FOV = 0.5
+DISTANCE = 4.0
+APERTURE = 0.4
 CAMERAS = {"perspective": {}, "orthographic": {"orthographic_height": 2 * DISTANCE * math.tan(FOV / 2)}}
 
 

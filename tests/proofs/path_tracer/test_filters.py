@@ -12,7 +12,9 @@ import solari_vk as sv
 from solari_vk.scene import shapes
 from solari_vk.scene.builtin import lamp
 
-WIDTH, HEIGHT, SAMPLES = 12, 48, 256
+WIDTH = 12
+HEIGHT = 48
+SAMPLES = 256
 
 
 def blackman_harris(x):

@@ -159,7 +159,9 @@ def test_dispatches_of_an_exposure_are_measured(device):
     scene, instance = edge_scene()
     pose, shutter = move(instance, 3.0), sv.Shutter(close=1.0, time_samples=4)
     with sv.PathTracer(device, scene, SIZE, max_bounces=0) as tracer:
-        counts, submit, uniforms = [], tracer._frame.submit, tracer._frame.uniforms
+        counts = []
+        submit = tracer._frame.submit
+        uniforms = tracer._frame.uniforms
         tracer._frame.submit = lambda: counts.append(uniforms["path_sampling.samples_per_dispatch"]) or submit()
         measured = tracer.render(samples=128, shutter=shutter, pose=pose)["radiance"]
         assert counts[0] == 1

@@ -70,7 +70,9 @@ def look_into_cube(camera, mirrors):
     number of mirrors (32, 32) until a side glows, MOST_MIRRORS where none of the first ones does."""
     (places, along), names = camera_rays(camera, *SIZE), list(SIDES)
     weight, radiance = np.ones((*SIZE, 3)), np.zeros((*SIZE, 3))
-    length, count, inside = np.full(SIZE, np.nan), np.zeros(SIZE, int), np.ones(SIZE, bool)
+    length = np.full(SIZE, np.nan)
+    count = np.zeros(SIZE, int)
+    inside = np.ones(SIZE, bool)
     for ray in range(MOST_MIRRORS):
         to_sides = (np.where(along < 0, -HALF, HALF) - places) / along
         axis, t = to_sides.argmin(axis=-1), to_sides.min(axis=-1)
@@ -104,7 +106,9 @@ def measure_mirrors(device):
     scene = mirror_cube(CORNER)
     with make(device, scene) as renderer:
         frame = renderer.render(scene.camera)
-        found, diffuse, specular = read(frame), frame["paths_diffuse"], frame["paths_specular"]
+        found = read(frame)
+        diffuse = frame["paths_diffuse"]
+        specular = frame["paths_specular"]
         diffuse_light = np.abs(read(frame, "diffuse_radiance")).max()
     expected, length, _ = look_into_cube(scene.camera, CORNER)
     shown = np.isfinite(length)
@@ -128,7 +132,9 @@ def measure_mirror_chain(device):
 
 
 # Numbers that 8 bits hold exactly; the roughness is perceptual, of either panel.
-PLASTIC, REFLECTANCE, ROUGHNESS = (0.8, 0.4, 5 / 255), 0.8, (0.4, 0.0)
+PLASTIC = (0.8, 0.4, 5 / 255)
+REFLECTANCE = 0.8
+ROUGHNESS = (0.4, 0.0)
 HALVES = (np.s_[..., : SIZE[0] // 2, :], np.s_[..., SIZE[0] // 2 :, :])
 BRDF_SHADERS = Path(__file__).parents[1] / "brdf" / "glsl"
 

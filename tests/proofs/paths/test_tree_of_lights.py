@@ -15,7 +15,9 @@ EQUAL = Rule("the probability of a light is the one with which a walk down the t
 SUM = Rule("at each point, the probabilities of all lights have the sum 1")
 OFTEN = Rule("lights of the tree are chosen as often as their probability says")
 CLOSE = Rule("lights are chosen nearly in proportion to power times cosine over squared distance")
-LAMPS, POINTS, DRAWS = 150, 24, 8192
+LAMPS = 150
+POINTS = 24
+DRAWS = 8192
 
 
 def lamps_in_space(random):

@@ -26,7 +26,9 @@ BOTH = Rule("joints move what morph targets have moved", *_GLTF)
 NORMALS = Rule("normals of joints that shear follow the inverse transpose")
 MOTION = Rule("motion vectors follow joints, morph targets and transforms")
 REST = Rule("a pose that is given again has no motion")
-COUNT, JOINTS, TARGETS = 200, 12, 5  # triangles, joints and morph targets of a mesh
+COUNT = 200  # triangles of a mesh
+JOINTS = 12
+TARGETS = 5  # morph targets of a mesh
 STEPS, LARGE = 40, 20  # more poses than refits in a row, and the one that is three times as large
 AHEAD = 0.05  # meters, from where rays start to their triangle
 MAX_OFF = 2e-5  # meters, within 35 meters
@@ -130,7 +132,9 @@ def measure_normals(device, way):
     normal = np.array((0.48, 0.0, 0.8773825))
     scene, instance = wall(normal)
     shear = np.eye(4)
-    shear[0, 1], shear[0, 0], shear[1, 1] = 0.4, 1.5, 0.7
+    shear[0, 1] = 0.4
+    shear[0, 0] = 1.5
+    shear[1, 1] = 0.7
     instance.joint_matrices = shear[None]
     expected = np.linalg.inv(shear[:3, :3]).T @ normal
     with make_renderer(device, scene, SIZE, passes=GBUFFER, gbuffer=way) as renderer:
@@ -143,7 +147,9 @@ def measure_motion(device, way):
     """The wall moves by a joint upwards, and by a morph target and by its transform to the right, a known number of
     pixels in each frame."""
     scene, instance = wall()
-    worst, last, matrix = 0.0, np.zeros(2), np.eye(4)
+    worst = 0.0
+    last = np.zeros(2)
+    matrix = np.eye(4)
     with make_renderer(device, scene, SIZE, passes=GBUFFER, gbuffer=way) as renderer:
         renderer.render()
         for morphed, up, moved in ((2.0, 0, 0), (2.0, 3.5, 0), (-1.25, 4.75, 1.5), (-1.25, 4.75, 1.5)):
@@ -244,7 +250,8 @@ def test_the_previous_structure_has_the_previous_pose(device, tmp_path):
     (tmp_path / "passes").mkdir()
     (tmp_path / "passes" / "previous.comp").write_text(PREVIOUS)
     mesh, rest = tube(3)
-    scene = sv.Scene(instance := sv.Instance(mesh, joint_matrices=bent_joints(rest, 0)))
+    instance = sv.Instance(mesh, joint_matrices=bent_joints(rest, 0))
+    scene = sv.Scene(instance)
     stage = Stage("previous", buffers={"seen": 64}, passes=[Pass("previous", threads=64)])
     with SceneFrame(device, scene, [stage], glsl_root=tmp_path) as frame:
         frame.binder.keep_previous_tlas(frame, True)
@@ -334,7 +341,10 @@ def test_many_poses_grow_nothing(device):
                 instances[1].morph_weights = [0.001 * frame]
             if frame % 50 == 0:
                 last = instances[2]
-                (scene.remove if last in scene.instances else scene.add)(last)
+                if last in scene.instances:
+                    scene.remove(last)
+                else:
+                    scene.add(last)
             tracer.trace((0, 1, 3), (0, 0, -1))
         device.wait_idle()
         return device.memory.allocation_count, device.objects_in_use

@@ -108,7 +108,9 @@ def check_streams(shaders):
     streams["rng"] = random.integers(0, 2**32, 5000, np.uint64)
     out = run(shaders, streams=streams)["chosen"]
     np.testing.assert_allclose(out["sum"], streams["weights"].sum(axis=1), rtol=1e-6)
-    state, total, margin = streams["rng"], np.zeros(5000), np.ones(5000)
+    state = streams["rng"]
+    total = np.zeros(5000)
+    margin = np.ones(5000)
     expected = np.full(5000, NEITHER)
     for k, weight in enumerate(streams["weights"].T.astype(np.float64)):
         u, state = (pcg_hash(state) >> 8) * 2.0**-24, pcg_step(state)

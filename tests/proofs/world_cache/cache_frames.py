@@ -25,7 +25,9 @@ class CacheFrame(SceneFrame):
     """Frames over a scene: light tiles, the world cache, and a pass that queries the cache."""
 
     def __init__(self, device, scene, settings, *, seed=0, first_ray=0, barriers=False):
-        self.settings, self.scene, self.seed = settings, scene, seed
+        self.settings = settings
+        self.scene = scene
+        self.seed = seed
         self.has_history = False
         self._table, tables = brdf_table.compute(device)
         constants = {"lambertian_surfaces": settings.lambert, "first_ray": first_ray}

@@ -19,7 +19,9 @@ def make_queries(key_count, query_count, seed=0):
     side = 11
     cell = np.concatenate([np.arange(key_count), random.integers(0, key_count, query_count - key_count)])
     random.shuffle(cell)
-    normal, size, place = cell % 6, cell // 6 % 2, cell // 12
+    normal = cell % 6
+    size = cell // 6 % 2
+    place = cell // 12
     corner = np.stack([place % side, place // side % side, place // side**2], axis=1) - side // 2
     queries = np.zeros(query_count, QUERY)
     queries["cell_size"] = SIZES[size]
@@ -48,7 +50,9 @@ def test_map(device):
     queries, cell = make_queries(keys, 20_000)
     with MapFrame(device, cells, queries, world_cache_search_steps=64) as frame:
         answers = frame.run()["answers"]
-        checksums, bounds, life = frame["checksums"], frame["bounds"], frame["life"]
+        checksums = frame["checksums"]
+        bounds = frame["bounds"]
+        life = frame["life"]
     first, checksum = expected_keys(queries)
     np.testing.assert_array_equal(answers["first"], first)
     np.testing.assert_array_equal(answers["checksum"], checksum)

@@ -178,7 +178,9 @@ def test_fewer_and_none(world):
 
 def test_compaction_by_callback_and_by_polling(world, device, monkeypatch):
     """The new structure has the size that the device tells, and stays as it is when the old one changes."""
-    blas, tlas, told = world.blas(name="quad"), world.tlas(), []
+    blas = world.blas(name="quad")
+    tlas = world.tlas()
+    told = []
     needed = blas.size
     blas.create(needed + 50_000)  # lavapipe never saves anything, so that the storage is enlarged first
     get_results = device.vk.vkGetQueryPoolResults

@@ -34,7 +34,9 @@ def out_of_memory_once(device, monkeypatch):
 
 def test_callbacks_never_run_inside_a_device_call(world, built, monkeypatch):
     """Callbacks run only when the user polls or waits, whichever call notices that the device has finished."""
-    device, inside, told = world.device, [], []
+    device = world.device
+    inside = []
+    told = []
     blas, tlas = built()
     for name in ("vkQueueSubmit2", "vkCmdBuildAccelerationStructuresKHR", "vkWaitSemaphores"):
         real = getattr(device.vk, name)

@@ -110,7 +110,10 @@ def test_lidar_measures_distances(device):
 
 def test_acoustics_decay_as_eyring_says(device):
     acoustics = load("acoustics")
-    source, listener, side, absorption = np.array([-1, 0, 1]), np.array([1, 0.5, -1]), 4.0, 0.2
+    source = np.array([-1, 0, 1])
+    listener = np.array([1, 0.5, -1])
+    side = 4.0
+    absorption = 0.2
     with sv.RayTracer(device, sv.builtin("closed_box", size=side)) as tracer:
         response = acoustics.impulse_response(tracer, source, listener, absorption)
     direct = np.linalg.norm(source - listener)

@@ -34,7 +34,11 @@ void main() {
     kinds.at[0] = hit.kind + uint(corners[0].x > 1e30);
 }
 """
-OPAQUE, GLASS, BOX, NOTHING = 0.6, 2.6, 6.6, 8.6  # the x at which rays start, by what they hit
+# The x at which rays start, by what they hit.
+OPAQUE = 0.6
+GLASS = 2.6
+BOX = 6.6
+NOTHING = 8.6
 
 
 def start(x, flags=0):
@@ -89,7 +93,9 @@ FETCH = "#define RAY_QUERY_VERTEX_RETURN\n"
 @pytest.fixture(scope="module")
 def run_case(tmp_path_factory):
     """run_case(device, number, cases=CASES) -> the kind of the hit, and the counted faults. RIGHT is the last case."""
-    folder, made, tops = tmp_path_factory.mktemp("cases"), [], {}
+    folder = tmp_path_factory.mktemp("cases")
+    made = []
+    tops = {}
     (folder / "passes").mkdir()
     for name, cases in (("cases", CASES), ("position_cases", POSITION_CASES)):
         lines = [f"        case {i}u: {code} break;" for i, code in enumerate([*(code for _, code in cases), RIGHT])]

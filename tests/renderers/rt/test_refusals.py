@@ -290,15 +290,19 @@ def test_an_edited_instance_is_refused_before_anything_is_built(world):
 
 def test_what_was_checked_stays(world):
     """Changing the caller's arrays or the attributes of what was made of them doesn't change what is built."""
-    blas, blases, transforms = world.blas(), [world.blas()], np.array([translation()], np.float32)
-    positions, indices, boxes = (
-        quad_corners(),
-        np.array([[0, 1, 2]], np.uint32),
-        np.array([[0, 0, 0, 1, 1, 1]], np.float32),
-    )
+    blas = world.blas()
+    blases = [world.blas()]
+    transforms = np.array([translation()], np.float32)
+    positions = quad_corners()
+    indices = np.array([[0, 1, 2]], np.uint32)
+    boxes = np.array([[0, 0, 0, 1, 1, 1]], np.float32)
     instances = rt.TlasInstances(blases, transforms)
     triangles, aabbs = rt.Triangles(positions, indices), rt.Aabbs(boxes)
-    positions[0], indices[0], boxes[0], transforms[:], blases[0] = np.nan, 5_000_000, np.nan, np.nan, "x"
+    positions[0] = np.nan
+    indices[0] = 5_000_000
+    boxes[0] = np.nan
+    transforms[:] = np.nan
+    blases[0] = "x"
     held = [value for thing in (triangles, aabbs) for value in vars(thing).values() if isinstance(value, np.ndarray)]
     assert len(held) == 3
     for array in (*held, instances.records["transform"]):

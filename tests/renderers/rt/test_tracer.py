@@ -54,7 +54,9 @@ def check(tracer, scene, origins, directions):
     """The hits; each field must be the oracle's, except for rays that hit an edge within rounding."""
     origins, directions = origins.astype(np.float32), directions.astype(np.float32)
     hits = tracer.trace(origins, directions)
-    world, exact, along = World(scene), origins.astype(np.float64), directions.astype(np.float64)
+    world = World(scene)
+    exact = origins.astype(np.float64)
+    along = directions.astype(np.float64)
     index, distance = closest_by_brute_force(world.corners, exact, along)
     numbers = {instance: i for i, instance in enumerate(scene)}
     instance = np.array([-1 if row < 0 else numbers[tracer.instances[row]] for row in hits["instance"].tolist()])

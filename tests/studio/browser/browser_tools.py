@@ -29,7 +29,11 @@ class FakeScreen:
     """A camera that is an angle, and a picture of one gray."""
 
     def __init__(self, maker, tell, state):
-        self.maker, self.angle, self.frames, self.settled, self.closed = maker, 0.0, 0, False, False
+        self.maker = maker
+        self.angle = 0.0
+        self.frames = 0
+        self.settled = False
+        self.closed = False
         if state is not None:
             self.angle = float(state["angle"])
 
@@ -65,7 +69,11 @@ class FakeScreens:
     lost = False
 
     def __init__(self, seconds=0.002, size=(64, 36)):
-        self.seconds, self.size, self.rendered, self.screens, self.fault = seconds, size, 0, [], None
+        self.seconds = seconds
+        self.size = size
+        self.rendered = 0
+        self.screens = []
+        self.fault = None
 
     def open(self, tell, state=None):
         self.screens.append(FakeScreen(self, tell, state))
@@ -82,7 +90,12 @@ class Client:
     """A page's end of its socket. acks: whether it tells that it has shown a frame."""
 
     def __init__(self, line, acks=True, delay=0.0):
-        self.line, self.acks, self.delay, self.frames, self.heard, self.bytes = line, acks, delay, [], [], []
+        self.line = line
+        self.acks = acks
+        self.delay = delay
+        self.frames = []
+        self.heard = []
+        self.bytes = []
         self.task = asyncio.create_task(self._listen())
 
     async def _listen(self):
@@ -116,7 +129,10 @@ class Site:
     """A server and the clients that talk to it."""
 
     def __init__(self, server, http, maker):
-        self.server, self.hub, self.http, self.maker = server, server.hub, http, maker
+        self.server = server
+        self.hub = server.hub
+        self.http = http
+        self.maker = maker
         self.base = f"http://127.0.0.1:{server.port}"
 
     async def open(self, session, state=None, **options):

@@ -24,7 +24,9 @@ QUIET = 0.15  # seconds in which a view that still renders would have rendered
 
 
 def test_what_opens_while_the_server_ends_is_freed():
-    begun, may_end, maker = threading.Event(), threading.Event(), Mock()
+    begun = threading.Event()
+    may_end = threading.Event()
+    maker = Mock()
 
     def make():
         begun.set()
@@ -104,7 +106,8 @@ def test_frames_shrink_on_slow_lines_and_grow_on_quick_ones():
     def run(pace, seconds, frames, now):
         for number in range(frames):
             pace.sent(number, 1000, now)
-            pace.shown(number, now := now + seconds(pace.level))
+            now += seconds(pace.level)
+            pace.shown(number, now)
         return now
 
     pace = Pace()

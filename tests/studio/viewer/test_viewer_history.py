@@ -88,7 +88,9 @@ def test_refused_edits_leave_everything_as_it_was(scene):
 
 def test_edits_that_cannot_be_undone_are_forgotten(scene):
     """All parts of an edit stay if one can't be undone; the scene then isn't what was saved before."""
-    history, items, lamp = History(), list(scene.instances), sv.PointLight((0, 1, 0))
+    history = History()
+    items = list(scene.instances)
+    lamp = sv.PointLight((0, 1, 0))
     history.mark_saved()
     history.remove((scene.instances, [items[1], items[4]]))
     left = list(scene.instances)

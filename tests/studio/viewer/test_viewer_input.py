@@ -18,7 +18,9 @@ from solari_vk.studio.viewer.window import Event, Window
 
 DISTANCE = 4.0
 SEEN = np.array((0.0, 1.0, 0.0))
-LEFT, MIDDLE, RIGHT = glfw.MOUSE_BUTTON_LEFT, glfw.MOUSE_BUTTON_MIDDLE, glfw.MOUSE_BUTTON_RIGHT
+LEFT = glfw.MOUSE_BUTTON_LEFT
+MIDDLE = glfw.MOUSE_BUTTON_MIDDLE
+RIGHT = glfw.MOUSE_BUTTON_RIGHT
 AREA = Area(0, 0, 200, 100)  # of the picture in the window
 
 

@@ -185,14 +185,17 @@ def test_every_field_of_a_material_has_its_group():
 
 
 def test_the_status_line_makes_room_for_the_pixel_under_the_cursor():
-    state = Refining(clock := Clock())
+    clock = Clock()
+    state = Refining(clock)
     for count in range(REST + 4):
         state.note_view("still")
         state.note(0.1, count, False)
         clock.now += 1
     pictures = SimpleNamespace(mode="realtime", view="picture", rendered_size=(64, 48))
     session = SimpleNamespace(pictures=pictures, refining=state)
-    whole, brief, probe = state_in_words(session), "realtime - 9 frames, 14 %", "(3, 4)  R 1"
+    whole = state_in_words(session)
+    brief = "realtime - 9 frames, 14 %"
+    probe = "(3, 4)  R 1"
     assert whole == "realtime - picture - 64x48 - 9 frames, 14 %, 1:22 min left"
     for room, text in ((len(whole), whole), (len(whole) - 1, brief), (len(brief), brief), (len(brief) - 1, "")):
         assert status_line(session, probe, room + len(probe) + 2, len) == text

@@ -84,7 +84,9 @@ def test_the_help_fits_into_narrow_windows(open_viewer, monkeypatch):
     viewer = open_viewer(size=(400, 200))
     viewer.run(frames=1)
     module = sys.modules["solari_vk.studio.viewer.overlay"]
-    imgui, ends, write = module.imgui, {}, module.imgui.text_unformatted
+    imgui = module.imgui
+    ends = {}
+    write = module.imgui.text_unformatted
 
     def noted(text):
         write(text)

@@ -104,7 +104,9 @@ def test_handles_turn_all_about_the_last(session, blocks):
 
 def test_the_outline_is_around_all(blocks):
     class Pictures:
-        ready, mode, camera = True, "reference", sv.Camera()
+        ready = True
+        mode = "reference"
+        camera = sv.Camera()
 
         class binder:
             instances = {4: blocks[0], 5: blocks[1], 6: None}

@@ -128,7 +128,9 @@ def first_frame(open_viewer, device, monkeypatch):
     """A realtime viewer; a function that runs a frame and returns what was shown before it: titles and parts."""
     if device.properties.kind != "cpu":
         pytest.skip("only software devices compile for long")
-    titles, parts, show = [], [], Presenter.show
+    titles = []
+    parts = []
+    show = Presenter.show
     monkeypatch.setattr(Presenter, "show", lambda self, given, draw: (parts.append(given), show(self, given, draw))[1])
     viewer = open_viewer(mode="realtime", overlay=False)
     monkeypatch.setattr(device, "pipelines", Kept(limit=0))  # other viewers' would be there already

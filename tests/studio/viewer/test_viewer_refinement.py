@@ -103,7 +103,10 @@ def test_the_realtime_picture_is_refined_to_the_full_size(open_viewer, monkeypat
 class Slow(FakePictures):
     """Stands for realtime pictures of a software device, of one grey level each."""
 
-    mode, ready, whole, interrupted = "realtime", True, True, None
+    mode = "realtime"
+    ready = True
+    whole = True
+    interrupted = None
     most_samples = most_bands = sample_limit = 0
 
     def __init__(self, scene, image):

@@ -19,14 +19,19 @@ from solari_vk.studio.viewer.layout import Layout
 from solari_vk.studio.viewer.presenter import Part
 from solari_vk.studio.viewer.window import Window
 
-ACQUIRE, PRESENT, CREATE = "vkAcquireNextImageKHR", "vkQueuePresentKHR", "vkCreateSwapchainKHR"
+ACQUIRE = "vkAcquireNextImageKHR"
+PRESENT = "vkQueuePresentKHR"
+CREATE = "vkCreateSwapchainKHR"
 
 
 class Vulkan:
     """Stands for raw.lib. Notes which functions a swapchain calls, and lets those in `failures` fail once."""
 
     def __init__(self, lib):
-        self.lib, self.calls, self.failures, self._kept = lib, [], {}, []
+        self.lib = lib
+        self.calls = []
+        self.failures = {}
+        self._kept = []
 
     def __getattr__(self, name):
         return getattr(self.lib, name)
@@ -113,7 +118,8 @@ def test_objects_are_framed_for_the_picture_beside_the_panels(open_viewer, monke
         assert main(["view", str(tmp_path / "wide.glb"), "--size", "320x180", "--frames", "1"]) == 0
         camera = given["camera"]
     else:
-        camera = open_viewer(scene := wide(), size=(320, 180)).camera
+        scene = wide()
+        camera = open_viewer(scene, size=(320, 180)).camera
         assert camera.transform.tolist() == scene.camera.transform.tolist()
     area = Layout.of((320, 180), panels=True).picture
     assert area.width < 1.2 * area.height

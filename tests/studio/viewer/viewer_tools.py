@@ -63,7 +63,11 @@ class FakePictures:
 
     device = realtime = reference = None
     ready = False
-    mode, view, tonemap, seed, size = "reference", "picture", "agx", 3, (64, 48)
+    mode = "reference"
+    view = "picture"
+    tonemap = "agx"
+    seed = 3
+    size = (64, 48)
     upscale = 1.0
 
     def __init__(self, scene):
