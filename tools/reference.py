@@ -34,7 +34,7 @@ COMMON = {"describe", "update", "watch", "unwatch"}  # of every object of a scen
 
 def text_in_table(text: str) -> str:
     """Words of the code in a table: only what stands between backquotes is code."""
-    parts = re.split(r"(`[^`]*`)", text.replace("%%", "%"))
+    parts = re.split(r"(`[^`]*`)", text)
     return "".join(part if part.startswith("`") else re.sub(r"[|<>*_{}]", _entity, part) for part in parts)
 
 
@@ -158,7 +158,8 @@ def _command(name: str, parser: argparse.ArgumentParser, level: int) -> list[str
     options = [a for a in parser._actions if not isinstance(a, argparse._SubParsersAction | argparse._HelpAction)]
     if options:
         lines += ["| option | meaning |", "| --- | --- |"]
-        lines += [f"| {_spelling(action)} | {text_in_table(action.help or '')} |" for action in options]
+        formatter = parser._get_formatter()  # which fills `%(listing)s` in
+        lines += [f"| {_spelling(action)} | {text_in_table(formatter._expand_help(action))} |" for action in options]
         lines.append("")
     for part, inner in _commands(parser).items():
         lines += _command(f"{name} {part}", inner, level + 1)

@@ -38,12 +38,18 @@ COMMANDS = (
         "data.cli.jobs:DatasetJob",
     ),
     Command(
-        "compare", "how far two pictures are apart: relMSE, means, FLIP", "cli.compare:run", "cli.compare:CompareJob"
+        "compare",
+        "how far two pictures are apart: relMSE, means, FLIP",
+        "cli.without_device:compare",
+        "cli.without_device:CompareJob",
     ),
     Command(
-        "settings", "list the settings and qualities, with meaning, range and default", "cli.lists:settings", NoOptions
+        "settings",
+        "list the settings and qualities, with meaning, range and default",
+        "cli.without_device:settings",
+        NoOptions,
     ),
-    Command("views", "list the debug views, with meaning", "cli.lists:views", NoOptions),
+    Command("views", "list the debug views, with meaning", "cli.without_device:views", NoOptions),
     Command(
         "info",
         "what this machine can do, what is missing, and the command that mends it",

@@ -69,12 +69,17 @@ def run(job: object) -> None:
     files = {part: _files(part) for part in PARTS if not part.works()}
     with ThreadPoolExecutor() as pool:
         tried = pool.submit(_reasons, files)  # in another process, beside the imports and queries of this one
-        compiler, reason, reports = _compiler(), _why_no_window(), _devices()
+        compiler = _compiler()
+        why_no_window = _why_no_window()
+        reports = _devices()
     reasons = tried.result()
     print(f"solari_vk {__version__}\ncompiler: {compiler}\n{_cache()}")
     for part in PARTS:
         print(f"{part.what}: {_state(part, reasons)}")
-    print(f"windows: {reason + ' (without a display: xvfb-run solari-vk view ...)' if reason else 'yes'}")
+    if why_no_window:
+        print(f"windows: {why_no_window} (without a display: xvfb-run solari-vk view ...)")
+    else:
+        print("windows: yes")
     if isinstance(reports, SolariError):
         raise reports
     for report in reports:
@@ -111,7 +116,8 @@ def _state(part: Part, reasons: Mapping[Part, str]) -> str:
         return "yes"
     if not _is_there(part.module):
         return f"missing: pip install 'solari-vk[{part.extra}]'"
-    return f"installed, but it doesn't work: {reason}" if (reason := reasons.get(part)) else "yes"
+    reason = reasons.get(part)
+    return f"installed, but it doesn't work: {reason}" if reason else "yes"
 
 
 def _files(part: Part) -> list[str]:
@@ -162,9 +168,10 @@ def _cache() -> str:
     folder = disk_cache.folder()
     if not folder:
         return "cache: off"
-    kept = {what: list(folder.glob(f"*.{what}")) for what in ("spv", "pipelines")}
-    size = sum(file.stat().st_size for files in kept.values() for file in files)
-    counts = f"shaders: {len(kept['spv'])}, pipeline caches: {len(kept['pipelines'])}"
+    shaders = list(folder.glob("*.spv"))
+    pipelines = list(folder.glob("*.pipelines"))
+    size = sum(file.stat().st_size for file in [*shaders, *pipelines])
+    counts = f"shaders: {len(shaders)}, pipeline caches: {len(pipelines)}"
     return f"cache: {folder}, {counts}, {size / 1e6:.1f} MB"
 
 
@@ -177,12 +184,13 @@ def _print_device(report: Any) -> None:
     for rays, missing in report.missing_rays.items():
         print(f"  --rays {rays}: {'lacks ' + ', '.join(missing) if missing else 'yes'}")
     if report.missing_rays:
-        print(f"  without --rays: {_way_without_option(report.missing_rays)}")
+        print(f"  without --rays: {_rays_without_option(report.missing_rays)}")
     print(f"  --settings gbuffer=auto: {way_on(report.kind)}")
 
 
-def _way_without_option(missing_rays: Mapping[str, Sequence[str]]) -> str:
+def _rays_without_option(missing_rays: Mapping[str, Sequence[str]]) -> str:
     wanted = os.environ.get("SOLARI_VK_RAYS") or AUTO
-    ways = [IN_WORDS[rays] for rays, missing in missing_rays.items() if not missing and wanted in (AUTO, rays)]
-    because = "" if wanted == AUTO else f", because SOLARI_VK_RAYS is {wanted!r}"
-    return (f"by {ways[0]}" if ways else "none") + because
+    usable = [rays for rays, missing in missing_rays.items() if not missing and wanted in (AUTO, rays)]
+    # The device takes the first one that is usable.
+    answer = f"by {IN_WORDS[usable[0]]}" if usable else "none"
+    return answer if wanted == AUTO else f"{answer}, because SOLARI_VK_RAYS is {wanted!r}"

@@ -8,26 +8,20 @@ from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar
 
 from solari_vk.base.errors import SolariError
-from solari_vk.cli.options import (
-    ON_OR_OFF,
-    count,
-    factor,
-    flag,
-    number,
-    option,
-    positive,
-    seconds,
-    size,
-    tonemap,
-    view,
-    words,
-)
+from solari_vk.cli.options import ON_OR_OFF, count, factor, flag, number, one_of, option, positive, seconds, size, words
 from solari_vk.output.movie import SUFFIXES
 
 if TYPE_CHECKING:
     from solari_vk.settings import Settings
 
-ANIMATION_AVERAGE, EXPOSED_AVERAGE = 4, 16  # the latter with a shutter
+STILL_FRAMES = 48
+# Frames take few milliseconds there, and the mean of many shows less of the blotches that the denoiser leaves.
+STILL_FRAMES_ON_CARDS = 192
+ANIMATION_AVERAGE = 4
+EXPOSED_AVERAGE = 16  # with a shutter, whose frames are at as many moments
+SAMPLES = 256
+DENOISED_SAMPLES = 48  # OIDN makes a clean picture of them: docs/measured/still-lavapipe.md
+ORBIT_PICTURES = 48
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -46,7 +40,10 @@ class SceneOptions:
     """The scene, how to look at it, and what surrounds it."""
 
     source: str = option(
-        "a .gltf, .glb, .obj, .ply or .stl file, or a built-in scene", "FILE|builtin:NAME", names=("source",)
+        "a file (%(listing)s), or a built-in scene",
+        "FILE|builtin:NAME",
+        names=("source",),
+        listing="scene.files.formats:readable_suffixes",
     )
     size: tuple[int, int] = option("width and height in pixels (640x360)", "WxH", type=size, default=(640, 360))
     seed: int = option("seed of the random numbers, which choose the noise (0)", type=count, default=0)
@@ -63,7 +60,13 @@ class SceneOptions:
         "N|NAME|JSON|FILE",
     )
     exposure: str | None = option("exposure value (the camera's; for files with lights auto)", "EV100|auto")
-    tonemap: str = option("tone mapping: none, reinhard, aces or agx (agx)", "NAME", type=tonemap, default="agx")
+    tonemap: str = option(
+        "tone mapping: %(listing)s (agx)",
+        "NAME",
+        type=one_of("tone mapping", "output.tone_mapping:TONEMAPS"),
+        listing="output.tone_mapping:TONEMAPS",
+        default="agx",
+    )
     environment: str = option(
         "what surrounds the scene: soft boxes, a clear sky with its sun, nothing, or a picture of all directions "
         "(.hdr, .exr, .png, .jpg); auto: the file's own, and studio for files without light, or a lamp for closed "
@@ -82,16 +85,21 @@ class SceneOptions:
 
     def words(self) -> list[str]:
         """The options that say what the scene is, as words of a command line."""
-        given = ((name, getattr(self, name)) for name in ("scene", "variant", "up", "unit"))
-        return [
+        found = [
             "--environment",
             self.environment,
+            # A negative number alone would be taken for an option.
             f"--environment-rotation={self.environment_rotation:g}",
             "--environment-intensity",
             f"{self.environment_intensity:g}",
-            *(f"--{name}={value}" for name, value in given if value is not None),
-            *["--strict"] * self.strict,
         ]
+        for name in ("scene", "variant", "up", "unit"):
+            value = getattr(self, name)
+            if value is not None:
+                found.append(f"--{name}={value}")
+        if self.strict:
+            found.append("--strict")
+        return found
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -103,7 +111,12 @@ class PictureOptions(DeviceOptions, SceneOptions):
 class RealtimeOptions:
     """What the realtime renderer computes."""
 
-    view: str = option("a debug view; `solari-vk views` lists all (picture)", "NAME", type=view, default="picture")
+    view: str = option(
+        "a debug view; `solari-vk views` lists all (picture)",
+        "NAME",
+        type=one_of("view", "passes.debug_views:DEBUG_VIEWS"),
+        default="picture",
+    )
     quality: str = option("a preset: `solari-vk settings` lists them (medium)", "NAME", default="medium")
     settings: tuple[str, ...] = option(
         "change a setting: `solari-vk settings` lists them (repeatable)", "KEY=VALUE", action="append", default=()
@@ -163,12 +176,18 @@ class RenderOptions(SharedPicture):
     given: frozenset[str] = frozenset()
     """The fields that the command line names."""
     output: Path = option(
-        "the picture: .png, .jpg, .exr, .npz or .npy; an animation: .gif, .mp4, or numbered pictures",
+        f"the picture: %(listing)s; an animation: {', '.join(SUFFIXES)}, or numbered pictures",
         names=("-o", "--output"),
+        listing="output.picture:SUFFIXES",
         type=Path,
         required=True,
     )
-    transparent: bool = flag("leave out the background, and a studio's floor: .png and .exr with alpha")
+    transparent: bool = option(
+        "leave out the background, and a studio's floor: %(listing)s with alpha",
+        listing="output.picture:WITH_ALPHA",
+        action="store_true",
+        default=False,
+    )
     open: bool = flag("show what was written in the desktop's program for it")
     show: bool = flag(
         "show what was written in the terminal, of a .gif its first picture, if the output goes to one; needs "
@@ -191,15 +210,15 @@ class RenderOptions(SharedPicture):
         type=float,
     )
     frames: int | None = option(
-        "frames after the warm-up (48, on graphics cards 192, or --average); pictures of an "
-        "animation (48, or as many as its path has)",
+        f"frames after the warm-up ({STILL_FRAMES}, on graphics cards {STILL_FRAMES_ON_CARDS}, or --average); "
+        f"pictures of an animation ({ORBIT_PICTURES}, or as many as its path has)",
         "N",
         type=positive,
     )
     warm_up: int = option("frames that let light accumulate first (16)", "N", type=count, default=16)
     average: int | None = option(
         "the picture is the mean of the last N frames (all); each picture of an animation is "
-        "the mean of N frames (4; with --shutter 16)",
+        f"the mean of N frames ({ANIMATION_AVERAGE}; with --shutter {EXPOSED_AVERAGE})",
         "N",
         type=positive,
     )
@@ -209,7 +228,9 @@ class RenderOptions(SharedPicture):
         "orbit[:DEGREES]|file|FILE",
     )
     fps: int = option("pictures a second of an animation (24)", "N", type=positive, default=24)
-    samples: int | None = option("samples per pixel of each picture (256; with --denoise 48)", "N", type=positive)
+    samples: int | None = option(
+        f"samples per pixel of each picture ({SAMPLES}; with --denoise {DENOISED_SAMPLES})", "N", type=positive
+    )
     max_bounces: int = option("surfaces that a path may leave (16)", "N", type=count, default=16)
     denoise: bool = option(
         "denoise by Intel Open Image Denoise, which the package solari-vk[oidn] brings (off; with --mode auto on if it "

@@ -10,7 +10,7 @@ import argparse
 import math
 import re
 import sys
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import MISSING, dataclass, field, fields
 from importlib import import_module
 from typing import Any, NoReturn
@@ -21,12 +21,17 @@ from solari_vk.base.errors import brief, quoted, unknown_name
 ON_OR_OFF = argparse.BooleanOptionalAction
 
 
-def option(meaning: str, metavar: str | None = None, *, names: Sequence[str] = (), **how: Any) -> Any:
-    """A field of a job. how: `default`, and what argparse's add_argument takes; a `bool` is a flag."""
+def option(
+    meaning: str, metavar: str | None = None, *, names: Sequence[str] = (), listing: str = "", **how: Any
+) -> Any:
+    """A field of a job. how: `default`, and what argparse's add_argument takes; a `bool` is a flag.
+
+    listing: the MODULE:NAME, below solari_vk, of the choices that the help names in place of `%(listing)s`.
+    """
     default = how.pop("default", MISSING if names or how.get("required") else None)
     if metavar is not None:
         how["metavar"] = metavar
-    return field(default=default, metadata={"names": names, "how": {"help": meaning, **how}})
+    return field(default=default, metadata={"names": names, "listing": listing, "how": {"help": meaning, **how}})
 
 
 def flag(meaning: str) -> Any:
@@ -38,6 +43,21 @@ def resolve(place: str) -> Any:
     """What MODULE:NAME, below solari_vk, means."""
     module, _, name = place.partition(":")
     return getattr(import_module(f"solari_vk.{module}"), name)
+
+
+@dataclass(frozen=True)
+class _Listing:
+    """Choices in words, for a help text, such as "red, green or blue".
+
+    They are looked up when the help is shown, so that commands which run don't import them for their parser.
+    """
+
+    place: str
+
+    def __str__(self) -> str:
+        found = resolve(self.place)
+        names = list(found() if callable(found) else found)
+        return f"{', '.join(names[:-1])} or {names[-1]}"
 
 
 @dataclass(frozen=True)
@@ -85,14 +105,16 @@ class _Parser(argparse.ArgumentParser):
     """A parser, also of the commands below, whose errors don't repeat endless words."""
 
     def error(self, message: str) -> NoReturn:
-        if wrong := _WRONG_COMMAND.fullmatch(message):
+        wrong = _WRONG_COMMAND.fullmatch(message)
+        if wrong:
             kind, word, known = wrong.groups()
             names = [name.strip("' ") for name in known.split(",")]
             message = str(unknown_name(f"there is no {kind.lower()}", word, names))
         super().error(brief(message))
 
     def _get_values(self, action: argparse.Action, arg_strings: list[str]) -> Any:
-        if arg_strings == ["--"] and action.option_strings:  # --option=--, which argparse takes for no value at all
+        # argparse takes --option=-- for an option without a value, and fails later without a message.
+        if arg_strings == ["--"] and action.option_strings:
             raise argparse.ArgumentError(action, "-- is no value: write ./-- for a file of this name")
         return super()._get_values(action, arg_strings)
 
@@ -110,32 +132,39 @@ def make_parser(commands: Sequence[Command], wanted: str | None = None) -> argpa
 
 def parse(commands: Sequence[Command], words: Sequence[str] | None) -> tuple[Command, Any]:
     """The command that words ask for, and its job. Wrong usage ends the process with exit code 2."""
-    given_words = sys.argv[1:] if words is None else words
+    if words is None:
+        words = sys.argv[1:]
     # Before a command there are only options of this program, such as --version.
-    wanted = next((word for word in given_words if not word.startswith("-")), "")
+    wanted = next((word for word in words if not word.startswith("-")), "")
     parser = make_parser(commands, wanted)
     parsed, unknown = parser.parse_known_args(words)
-    found = vars(parsed)
-    command: Command = found.pop("command")
-    for word in (word for word in unknown if word.startswith("-")):
-        options = [
-            name
-            for part in fields(command.job_type)
-            if part.metadata
-            for name in part.metadata["names"] or [spelled(part.name)]
-        ]
-        parser.error(str(unknown_name(f"{command.name} has no option", word.partition("=")[0], options)))
+    values = vars(parsed)
+    command: Command = values.pop("command")
     if unknown:
-        parser.error(f"{command.name} takes no {', '.join(map(quoted, unknown))}")
-    given = {name: tuple(value) if isinstance(value, list) else value for name, value in found.items()}
+        parser.error(_why_unknown(command, unknown))
+    arguments = {name: tuple(value) if isinstance(value, list) else value for name, value in values.items()}
+    # A job with this field tells options that the user gave from those that have their defaults.
     if "given" in command.job_type.__dataclass_fields__:
-        given["given"] = frozenset(found)
-    return command, command.job_type(**given)
+        arguments["given"] = frozenset(values)
+    return command, command.job_type(**arguments)
+
+
+def _why_unknown(command: Command, words: Sequence[str]) -> str:
+    """The message for words that a command doesn't take."""
+    for word in words:
+        if word.startswith("-"):
+            options: list[str] = []
+            for part in fields(command.job_type):
+                if part.metadata:
+                    options += part.metadata["names"] or [spelled(part.name)]
+            return str(unknown_name(f"{command.name} has no option", word.partition("=")[0], options))
+    return f"{command.name} takes no {', '.join(map(quoted, words))}"
 
 
 def _add_commands(place: Any, commands: Sequence[Command], wanted: str | None) -> None:
     for command in commands:
         if wanted is not None and wanted not in (command.name, *command.aliases):
+            # The list of commands shows its name, and argparse doesn't ask for its options.
             place.add_parser(command.name, help=command.meaning, aliases=command.aliases)
             continue
         job = command.job_type
@@ -155,11 +184,14 @@ def _add_commands(place: Any, commands: Sequence[Command], wanted: str | None) -
 def _add_options(parser: argparse.ArgumentParser, job: type[Any]) -> None:
     options = {part.name: part.metadata for part in fields(job) if part.metadata}
     groups: dict[str, tuple[str, ...]] = getattr(job, "GROUPS", {})
-    first = options.keys() - {name for names in groups.values() for name in names}
-    for title, names in ((None, [name for name in options if name in first]), *groups.items()):
+    grouped = {name for names in groups.values() for name in names}
+    ungrouped = tuple(name for name in options if name not in grouped)
+    for title, names in (("", ungrouped), *groups.items()):
         place = parser.add_argument_group(title) if title else parser
         for name in names:
-            place.add_argument(*(options[name]["names"] or [spelled(name)]), **options[name]["how"])
+            action = place.add_argument(*(options[name]["names"] or [spelled(name)]), **options[name]["how"])
+            # argparse fills `%(listing)s` in a help text with the attribute of this name.
+            vars(action)["listing"] = _Listing(options[name]["listing"])
 
 
 def spelled(name: str) -> str:
@@ -181,24 +213,16 @@ def size(text: str) -> tuple[int, int]:
     return width, height
 
 
-def tonemap(text: str) -> str:
-    """A tone mapping's name."""
-    from solari_vk.output.tone_mapping import TONEMAPS
+def one_of(what: str, place: str) -> Callable[[str], str]:
+    """The type of one of the names at MODULE:NAME, below solari_vk. what: what a name stands for, for errors."""
 
-    return _known("tone mapping", text, TONEMAPS)
+    def check(name: str) -> str:
+        names = resolve(place)
+        if name not in names:
+            raise argparse.ArgumentTypeError(str(unknown_name(f"there is no {what}", name, names)))
+        return name
 
-
-def view(text: str) -> str:
-    """A debug view's name."""
-    from solari_vk.passes.debug_views import DEBUG_VIEWS
-
-    return _known("view", text, DEBUG_VIEWS)
-
-
-def _known(what: str, name: str, names: Iterable[str]) -> str:
-    if name not in names:
-        raise argparse.ArgumentTypeError(str(unknown_name(f"there is no {what}", name, names)))
-    return name
+    return check
 
 
 def words(text: str) -> tuple[str, ...]:
@@ -247,6 +271,7 @@ def seconds(text: str) -> tuple[float, float]:
 
 def factor(text: str) -> float:
     """A finite number that isn't negative."""
-    if (value := number(text)) < 0:
+    value = number(text)
+    if value < 0:
         raise argparse.ArgumentTypeError(f"must not be negative, as {text} is")
     return value

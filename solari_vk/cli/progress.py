@@ -12,6 +12,7 @@ from solari_vk.base.errors import SolariError
 from solari_vk.gpu.device.compile_notes import CompileNotes
 
 UNLIMITED = 1 << 24
+LINE_SECONDS = 5.0  # between lines where no bar can be shown
 
 
 class Stopped(Exception):
@@ -41,9 +42,13 @@ class Progress:
     def __init__(
         self, unit: str, total: int | None, time_limit: float | None = None, notes: CompileNotes | None = None
     ) -> None:
-        self._unit, self._total, self._time_limit = unit, total, time_limit
-        self._started = self._said = time.monotonic()
-        self._called = self._interrupted = False
+        self._unit = unit
+        self._total = total
+        self._time_limit = time_limit
+        self._started = time.monotonic()
+        self._last_line = self._started
+        self._called = False
+        self._interrupted = False
         self._bar: Any = None
         self._notes = notes
 
@@ -75,15 +80,17 @@ class Progress:
 
     def __call__(self, done: int, error: float = math.inf) -> None:
         if not self._called:
-            self._called, self._started = True, time.monotonic()
+            # What came before it doesn't count, because a driver may compile for a minute.
+            self._called = True
+            self._started = time.monotonic()
         if self._interrupted:
             raise Stopped(f"interrupted: keeping {done} {self._unit}")
         if self._time_limit is not None and self.seconds > self._time_limit:
             raise Stopped(f"the time limit is over: keeping {done} {self._unit}")
         if self._bar is not None:
             self._bar.update(self._task, completed=done, description=error_text(error))
-        elif time.monotonic() - self._said > 5:
-            self._said = time.monotonic()
+        elif time.monotonic() - self._last_line > LINE_SECONDS:
+            self._last_line = time.monotonic()
             of = "" if self._total is None else f" of {self._total}"
             text = f"{done}{of} {self._unit}, {self.seconds:.0f} s{error_text(error)}"
             print(text, file=sys.stderr, flush=True)
@@ -92,6 +99,7 @@ class Progress:
         self._bar.update(self._task, description=text)
 
     def _interrupt(self, *_: object) -> None:
+        # The first Ctrl-C waits for the frame to end, so that what is rendered can be written.
         if self._interrupted:
             raise KeyboardInterrupt
         self._interrupted = True

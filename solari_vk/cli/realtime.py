@@ -11,11 +11,11 @@ from pathlib import Path
 import solari_vk as sv
 from solari_vk.base.errors import SolariError
 from solari_vk.cli.commands import ANIMATION
-from solari_vk.cli.compiling import open_device
-from solari_vk.cli.jobs import ANIMATION_AVERAGE, MovieJob, StillJob
+from solari_vk.cli.devices import open_device
+from solari_vk.cli.jobs import ANIMATION_AVERAGE, STILL_FRAMES, STILL_FRAMES_ON_CARDS, MovieJob, StillJob
+from solari_vk.cli.loading import LoadedScene, check_aovs, load_scene, set_exposure, shutter_arguments
 from solari_vk.cli.options import resolve
 from solari_vk.cli.progress import UNLIMITED, Progress, Stopped, error_text
-from solari_vk.cli.subject import Subject, check_aovs, expose, load, open_shutter
 from solari_vk.gpu.device.compile_notes import CompileNotes
 from solari_vk.gpu.device.rays import IN_WORDS
 from solari_vk.output import movie, picture
@@ -30,24 +30,30 @@ from solari_vk.scene.model import Camera
 from solari_vk.settings import Settings
 
 FIRST_LOOK = 4  # frames of the first picture whose error is estimated
-STILL_FRAMES = 48
-# Frames take few milliseconds there, and the mean of many shows less of the blotches that the denoiser leaves.
-STILL_FRAMES_ON_CARDS = 192
 
 
 def frames_of(job: StillJob | MovieJob, kind: str) -> tuple[int, int]:
     """The frames of each picture after the warm-up, and how many of the last of them it is the mean of. kind: of the
     device, as its properties say."""
-    viewing = job.view != "picture"
     if isinstance(job, MovieJob):
-        return (1, 1) if viewing else (job.average or ANIMATION_AVERAGE,) * 2
-    still = STILL_FRAMES_ON_CARDS if kind == "discrete gpu" and not viewing else STILL_FRAMES
-    still = still if job.target_error is None else UNLIMITED
-    frames = job.frames or (None if viewing else job.average) or still
-    average = 1 if viewing else job.average or frames
+        average = 1 if job.view != "picture" else job.average or ANIMATION_AVERAGE
+        return average, average
+    frames = job.frames or _default_frames(job, kind)
+    # A debug view shows one frame: identifiers and flags have no mean.
+    average = 1 if job.view != "picture" else job.average or frames
     if average > frames:
         raise SolariError(f"--average {average}: there are only {frames} frames after the warm-up: see --frames")
     return frames, average
+
+
+def _default_frames(job: StillJob, kind: str) -> int:
+    """The frames of a still picture without --frames."""
+    is_view = job.view != "picture"
+    if job.average and not is_view:
+        return job.average
+    if job.target_error is not None:
+        return UNLIMITED
+    return STILL_FRAMES_ON_CARDS if kind == "discrete gpu" and not is_view else STILL_FRAMES
 
 
 def targets_of(job: StillJob | MovieJob, count: int, folder: Path | None) -> list[Path]:
@@ -65,24 +71,26 @@ def run(job: StillJob | MovieJob) -> int:
     settings = job.make_settings()
     check_parts(job.aov, job.size, settings)
     frames_of(job, "cpu")  # says what is wrong before the scene is loaded
-    subject = load(job, clip=job.clip, time=job.time)
+    loaded = load_scene(job, clip=job.clip, time=job.time)
     if (job.is_spread or job.shutter is not None) and isinstance(job, MovieJob):
-        return int(resolve(ANIMATION)(job, subject, settings))
+        return int(resolve(ANIMATION)(job, loaded, settings))
     with frames_folder() if job.is_movie else nullcontext() as folder:
-        cameras, targets = subject.cameras, targets_of(job, len(subject.cameras), folder)
+        cameras = loaded.cameras
+        targets = targets_of(job, len(cameras), folder)
         notes = CompileNotes()
         with open_device(job, notes) as device:
             print(f"rendering {job.source} with {device.name}, by {IN_WORDS[device.rays]}", file=sys.stderr)
             frames, average = frames_of(job, device.properties.kind)
-            renderer = Renderer(device, subject.scene, job.size, settings, seed=job.seed)
-            renderer.view, renderer.tonemap = job.view, job.tonemap
-            if subject.clip is not None:
-                subject.clip.apply(subject.scene, 0.0)
-            if subject.auto_exposure:
+            renderer = Renderer(device, loaded.scene, job.size, settings, seed=job.seed)
+            renderer.view = job.view
+            renderer.tonemap = job.tonemap
+            if loaded.clip is not None:
+                loaded.clip.apply(loaded.scene, 0.0)
+            if loaded.auto_exposure:
                 _meter(renderer, cameras)
             count = renderer.frame_count + job.warm_up + frames * len(cameras)
             with Progress("frames", None if frames == UNLIMITED else count, job.time_limit, notes) as progress:
-                shooting = _Shooting(renderer, job, subject, targets, progress, frames, average)
+                shooting = _Shooting(renderer, job, loaded, targets, progress, frames, average)
                 written = shooting.run()
         if job.is_movie:
             movie.write_movie(job.output, written, job.fps)
@@ -99,7 +107,8 @@ def check_parts(names: Sequence[str], size: tuple[int, int], settings: Settings)
     """Raise SolariError for outputs that frames with these settings don't have, or have at another size."""
     check_aovs(names, "realtime", [name for name in Renderer.OUTPUTS if name not in ("radiance", "display")])
     for name in names:
-        if (needed := lighting.lighting_with(name)) not in ("", settings.lighting):
+        needed = lighting.lighting_with(name)
+        if needed not in ("", settings.lighting):
             raise SolariError(f"--aov {name}: it needs --settings lighting={needed}")
         if name == "error" and not settings.denoise:
             raise SolariError("--aov error: it needs --settings denoise=on")
@@ -115,7 +124,7 @@ def _meter(renderer: Renderer, cameras: Sequence[Camera]) -> None:
     cameras[0].auto_exposure = True
     while cameras[0].auto_exposure:
         renderer.render(cameras[0])
-    expose(cameras, cameras[0].ev100)
+    set_exposure(cameras, cameras[0].ev100)
 
 
 class _Shooting:
@@ -125,16 +134,21 @@ class _Shooting:
         self,
         renderer: Renderer,
         job: StillJob | MovieJob,
-        subject: Subject,
+        loaded: LoadedScene,
         targets: list[Path],
         progress: Progress,
         frames: int,
         average: int,
     ) -> None:
-        self._renderer, self._job, self._subject, self._progress = renderer, job, subject, progress
-        self._cameras, self._targets = subject.cameras, targets
-        self._frames, self._average = frames, average
-        self._exposure = open_shutter(job, subject)
+        self._renderer = renderer
+        self._job = job
+        self._loaded = loaded
+        self._cameras = loaded.cameras
+        self._targets = targets
+        self._progress = progress
+        self._frames = frames
+        self._average = average
+        self._exposure = shutter_arguments(job, loaded)
         self._written: list[Path] = []
         self._estimate = ErrorEstimate(FIRST_LOOK) if job.view == "picture" and len(targets) == 1 else None
         self._begin_mean()
@@ -149,14 +163,15 @@ class _Shooting:
         try:
             self._render(self._cameras[0], self._job.warm_up, averaged=0)
             for number, (camera, target) in enumerate(zip(self._cameras, self._targets, strict=True)):
-                if self._subject.clip is not None:
-                    self._subject.clip.apply(self._subject.scene, number / self._job.fps)
+                if self._loaded.clip is not None:
+                    self._loaded.clip.apply(self._loaded.scene, number / self._job.fps)
                 self._begin_mean()
                 self._render(camera, self._frames, self._average)
                 self._write(camera, target)
         except Stopped as stopped:
             print(stopped, file=sys.stderr)
             if not self._written:
+                # Even a picture without one frame of its mean is better than none: it shows the latest frame.
                 if not self._means.count:
                     self._means.add()
                 self._write(self._cameras[0], self._targets[0])
@@ -176,9 +191,10 @@ class _Shooting:
             self._progress(self._renderer.frame_count, self.error)
 
     def _write(self, camera: Camera, target: Path) -> None:
-        radiance, job = self._means["radiance"], self._job
-        if self._subject.auto_exposure and not self._written:
-            expose(self._cameras, self._renderer.auto_exposure(radiance))
+        job = self._job
+        radiance = self._means["radiance"]
+        if self._loaded.auto_exposure and not self._written:
+            set_exposure(self._cameras, self._renderer.auto_exposure(radiance))
         if job.view != "picture":
             codes = self._renderer["display"][..., :3]
             write_or_keep(target, lambda path: picture.write_codes(path, codes))

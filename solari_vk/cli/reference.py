@@ -12,13 +12,12 @@ from numpy.typing import NDArray
 
 import solari_vk as sv
 from solari_vk.base.errors import SolariError
-from solari_vk.cli.cluster import Reporter, open_pool, words_on
 from solari_vk.cli.commands import ANIMATION
-from solari_vk.cli.compiling import open_device
-from solari_vk.cli.jobs import MovieJob, StillJob
+from solari_vk.cli.devices import Reporter, open_device, open_pool, words_on
+from solari_vk.cli.jobs import DENOISED_SAMPLES, SAMPLES, MovieJob, StillJob
+from solari_vk.cli.loading import LoadedScene, check_aovs, load_scene, shutter_arguments
 from solari_vk.cli.options import resolve
 from solari_vk.cli.progress import UNLIMITED, Progress, Stopped, error_text
-from solari_vk.cli.subject import Subject, check_aovs, load, open_shutter
 from solari_vk.gpu.device.compile_notes import CompileNotes
 from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.device.rays import IN_WORDS
@@ -26,8 +25,7 @@ from solari_vk.output import oidn
 from solari_vk.output.kept import write_or_keep
 from solari_vk.output.movie import check_encoder
 from solari_vk.renderers import large_pictures
-
-SAMPLES, DENOISED_SAMPLES = 256, 48
+from solari_vk.scene.model import Camera
 
 
 @dataclass
@@ -53,17 +51,22 @@ def run(job: StillJob | MovieJob) -> int:
     check_aovs(job.aov, job.mode, sv.PathTracer.OUTPUTS[1:])
     if job.denoise:
         oidn.check_installed()
+    samples = job.samples or (DENOISED_SAMPLES if job.denoise else SAMPLES)
     if isinstance(job, MovieJob):
-        samples = job.samples or (DENOISED_SAMPLES if job.denoise else SAMPLES)
         if job.is_movie:
             check_encoder(job.output)
-        return int(resolve(ANIMATION)(job, load(job, clip=job.clip, time=job.time), samples))
-    total = job.samples
-    if total is None and (job.target_error is None or job.shutter is not None):
-        total = DENOISED_SAMPLES if job.denoise else SAMPLES
-    subject = load(job, clip=job.clip, time=job.time)
-    camera = subject.cameras[0]
-    result = (_render_spread if job.is_spread else _render)(job, subject, total)
+        return int(resolve(ANIMATION)(job, load_scene(job, clip=job.clip, time=job.time), samples))
+    loaded = load_scene(job, clip=job.clip, time=job.time)
+    # A picture with --target-error takes as many samples as it needs, or as --samples allows.
+    ends_by_error = job.target_error is not None and job.shutter is None
+    total = job.samples if ends_by_error else samples
+    result = _render_spread(job, loaded, total) if job.is_spread else _render(job, loaded, total)
+    _write(job, loaded.cameras[0], result)
+    return 0
+
+
+def _write(job: StillJob, camera: Camera, result: _Result) -> None:
+    """Write the picture, and say so."""
     if result.ev100 is not None:
         camera.ev100 = result.ev100
     if job.sensor is not None:
@@ -85,22 +88,21 @@ def run(job: StillJob | MovieJob) -> int:
         f"EV100 {camera.ev100:.2f}",
         file=sys.stderr,
     )
-    return 0
 
 
-def _render(job: StillJob, subject: Subject, total: int | None) -> _Result:
+def _render(job: StillJob, loaded: LoadedScene, total: int | None) -> _Result:
     """On one device, in this process."""
     notes = CompileNotes()
     with open_device(job, notes) as device:
         print(f"rendering {job.source} with {device.name}, by {IN_WORDS[device.rays]}", file=sys.stderr)
         if large_pictures.band_rows(device, job.size) < job.size[1]:
-            return _render_large(job, subject, total, device, notes)
-        renderer = sv.PathTracer(device, subject.scene, job.size, seed=job.seed, max_bounces=job.max_bounces)
-        exposing = open_shutter(job, subject)
+            return _render_large(job, loaded, total, device, notes)
+        renderer = sv.PathTracer(device, loaded.scene, job.size, seed=job.seed, max_bounces=job.max_bounces)
+        exposing = shutter_arguments(job, loaded)
         with Progress("samples a pixel", total, job.time_limit, notes) as progress:
             try:
                 renderer.render(
-                    subject.cameras[0],
+                    loaded.cameras[0],
                     samples=total or UNLIMITED,
                     denoise=job.denoise,
                     target_error=None if exposing else job.target_error or 0.0,
@@ -109,40 +111,36 @@ def _render(job: StillJob, subject: Subject, total: int | None) -> _Result:
                 )
             except Stopped as stopped:
                 print(stopped, file=sys.stderr)
-        radiance, seconds = renderer["radiance"], progress.seconds
-        ev100 = renderer.auto_exposure(radiance) if subject.auto_exposure else None
-        layers = {name: renderer[name] for name in job.aov}
-        mean_samples, alpha = float(renderer.sample_counts.mean()), None
+        radiance = renderer["radiance"]
+        result = _Result(
+            radiance=radiance,
+            layers={name: renderer[name] for name in job.aov},
+            samples=float(renderer.sample_counts.mean()),
+            error=renderer.error,
+            seconds=progress.seconds,
+            ev100=renderer.auto_exposure(radiance) if loaded.auto_exposure else None,
+            after=notes.after,
+        )
         if job.transparent:
-            radiance, alpha = renderer.cut_out(radiance)
-        return _Result(radiance, layers, mean_samples, renderer.error, seconds, ev100, alpha, notes.after)
+            result.radiance, result.alpha = renderer.cut_out(radiance)
+        return result
 
 
-def _render_large(job: StillJob, subject: Subject, total: int | None, device: Device, notes: CompileNotes) -> _Result:
+def _render_large(
+    job: StillJob, loaded: LoadedScene, total: int | None, device: Device, notes: CompileNotes
+) -> _Result:
     """In bands of rows, because the device can't hold the picture."""
-    if job.target_error is not None:
-        raise SolariError(
-            "--target-error: a picture in bands, larger than the device holds, has a fixed number of "
-            "samples: give --samples"
-        )
-    if job.transparent:
-        raise SolariError(
-            "--transparent: not for a picture in bands, larger than the device holds: give a smaller --size"
-        )
-    if job.shutter is not None:
-        raise SolariError(
-            "--shutter: a picture in bands, larger than the device holds, shows one moment: give a smaller --size"
-        )
+    _check_can_be_in_bands(job)
     count = -(-job.size[1] // large_pictures.band_rows(device, job.size))
     print(f"{job.size[0]}x{job.size[1]} is more than the device holds at once: in {count} bands", file=sys.stderr)
-    assert total is not None
-    camera = subject.cameras[0]
-    camera.auto_exposure = subject.auto_exposure
+    assert total is not None  # it is only with --target-error
+    camera = loaded.cameras[0]
+    camera.auto_exposure = loaded.auto_exposure
     with Progress("samples a pixel, of all bands", total * count, job.time_limit, notes) as progress:
         try:
             picture = large_pictures.render_large(
                 device,
-                subject.scene,
+                loaded.scene,
                 job.size,
                 camera=camera,
                 samples=total,
@@ -154,10 +152,29 @@ def _render_large(job: StillJob, subject: Subject, total: int | None, device: De
             )
         except Stopped:
             raise SolariError(f"{job.output}: it was ended before its last band, so nothing is written") from None
-    return _Result(picture.pop("radiance"), picture, total, math.inf, progress.seconds, None, None, notes.after)
+    return _Result(
+        radiance=picture.pop("radiance"),
+        layers=picture,
+        samples=total,
+        error=math.inf,
+        seconds=progress.seconds,
+        ev100=None,
+        after=notes.after,
+    )
 
 
-def _render_spread(job: StillJob, subject: Subject, total: int | None) -> _Result:
+def _check_can_be_in_bands(job: StillJob) -> None:
+    """Raise SolariError for options that a picture in bands of rows can't have."""
+    where = "a picture in bands, larger than the device holds"
+    if job.target_error is not None:
+        raise SolariError(f"--target-error: {where}, has a fixed number of samples: give --samples")
+    if job.transparent:
+        raise SolariError(f"--transparent: not for {where}: give a smaller --size")
+    if job.shutter is not None:
+        raise SolariError(f"--shutter: {where}, shows one moment: give a smaller --size")
+
+
+def _render_spread(job: StillJob, loaded: LoadedScene, total: int | None) -> _Result:
     """On several devices."""
     from solari_vk.renderers.cluster.reference import render_reference
 
@@ -167,9 +184,9 @@ def _render_spread(job: StillJob, subject: Subject, total: int | None) -> _Resul
             report = Reporter(progress)
             picture = render_reference(
                 pool,
-                subject.scene,
+                loaded.scene,
                 job.size,
-                camera=subject.cameras[0],
+                camera=loaded.cameras[0],
                 samples=total,
                 seed=job.seed,
                 max_bounces=job.max_bounces,
@@ -180,9 +197,17 @@ def _render_spread(job: StillJob, subject: Subject, total: int | None) -> _Resul
             )
     if report.reason:
         print(report.reason, file=sys.stderr)
-    radiance, seconds, ev100 = picture.radiance, progress.seconds, None
-    if subject.auto_exposure:
-        surfaces = None if subject.scene.environment is None else np.isfinite(picture.layers["depth"])
-        ev100 = sv.auto_exposure(radiance, surfaces)
-    found = {"raw_radiance": picture.raw_radiance, **picture.layers}
-    return _Result(radiance, {name: found[name] for name in job.aov}, picture.samples, picture.error, seconds, ev100)
+    outputs = {"raw_radiance": picture.raw_radiance, **picture.layers}
+    ev100 = None
+    if loaded.auto_exposure:
+        # A bright sky shall not make what stands before it black, so that only surfaces are metered.
+        surfaces = None if loaded.scene.environment is None else np.isfinite(picture.layers["depth"])
+        ev100 = sv.auto_exposure(picture.radiance, surfaces)
+    return _Result(
+        radiance=picture.radiance,
+        layers={name: outputs[name] for name in job.aov},
+        samples=picture.samples,
+        error=picture.error,
+        seconds=progress.seconds,
+        ev100=ev100,
+    )

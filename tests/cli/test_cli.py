@@ -24,9 +24,9 @@ import solari_vk as sv
 from solari_vk.base import disk_cache
 from solari_vk.cli import info, main, realtime
 from solari_vk.cli.commands import COMMANDS
+from solari_vk.cli.loading import load_scene
 from solari_vk.cli.options import parse
 from solari_vk.cli.render import make_job
-from solari_vk.cli.subject import load
 from solari_vk.gpu.device.physical import DeviceReport
 from solari_vk.output import oidn
 from solari_vk.output.compare import relative_mse
@@ -157,7 +157,7 @@ def test_light_of_files_without_lights(model, capsys):
     """A closed room gets a lamp; weak emission and black emissive textures don't stand for light."""
 
     def lit(mesh, *more, **material):
-        return load(parse(COMMANDS, ["view", str(model(mesh, **material)), *more])[1]).scene
+        return load_scene(parse(COMMANDS, ["view", str(model(mesh, **material)), *more])[1]).scene
 
     box = sv.shapes.box((-3, 0, -2), (3, 3, 2))
     room = sv.Mesh(box.positions, box.triangles[:, ::-1])
@@ -471,8 +471,8 @@ def test_wrong_usage_is_exit_code_2(arguments, words, capsys):
 def test_what_a_part_of_bench_is_given_is_what_its_function_takes():
     (bench,) = (command for command in COMMANDS if command.name == "bench")
     for part in (bench, *bench.parts):
-        run = importlib.import_module(f"solari_vk.lab.measure.{part.job.MODULE}").run
-        inspect.signature(run).bind(None, **{field.name: None for field in dataclasses.fields(part.job)[1:]})
+        run = importlib.import_module(f"solari_vk.lab.measure.{part.job_type.MODULE}").run
+        inspect.signature(run).bind(None, **{field.name: None for field in dataclasses.fields(part.job_type)[1:]})
 
 
 def test_an_unknown_device_is_exit_code_3(render):

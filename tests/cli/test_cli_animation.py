@@ -9,9 +9,9 @@ from PIL import Image
 import solari_vk as sv
 from solari_vk.cli import main
 from solari_vk.cli.commands import COMMANDS
+from solari_vk.cli.loading import load_scene
 from solari_vk.cli.options import parse
 from solari_vk.cli.render import make_job
-from solari_vk.cli.subject import load
 from solari_vk.data.cli.dataset import _cameras
 from solari_vk.data.cli.jobs import DatasetJob
 
@@ -49,7 +49,7 @@ def test_an_orbit_shows_all_of_a_file(tmp_path, orbit):
     words = [*orbit.split(), str(tmp_path / "long.glb"), "--size", "200x150", "-o", "turn.gif"]
     options = parse(COMMANDS, words)[1]
     job = options if isinstance(options, DatasetJob) else make_job(options)
-    subject = load(job)
+    subject = load_scene(job)
     cameras = _cameras(subject, job)[0] if isinstance(job, DatasetJob) else subject.cameras
     seen = np.array([camera.project(scene.bounds.corners, (200, 150)) for camera in cameras])
     count = 8 if isinstance(job, DatasetJob) else 48

@@ -22,12 +22,12 @@ import pytest
 from PIL import Image
 
 from solari_vk.base.errors import SolariError
-from solari_vk.cli import desktop, main, terminal
+from solari_vk.cli import main, showing
 
 ROWS = 14
 COLUMNS = 40
 CELL = (10, 20)  # width and height in pixels
-PROGRAM = "import sys, pathlib; from solari_vk.cli.terminal import show_file; show_file(pathlib.Path(sys.argv[1]))"
+PROGRAM = "import sys, pathlib; from solari_vk.cli.showing import show_file; show_file(pathlib.Path(sys.argv[1]))"
 TINY = ["render", "builtin:cornell_box", "--size", "40x24", "--mode", "reference", "--samples", "1"]
 
 
@@ -110,7 +110,7 @@ def test_render_shows_its_picture_by_kitty_s_protocol(any_device, tmp_path):
 def test_sixels_fill_the_terminal(picture):
     ((width, height),) = re.findall(rb'\x1bP[^q]*q"\d+;\d+;(\d+);(\d+)#.*?\x1b\\', shown(picture, SIXEL), re.DOTALL)
     assert 0 < int(width) <= COLUMNS * CELL[0]
-    assert (ROWS // 2) * CELL[1] < int(height) <= (ROWS - terminal.SPARE_LINES) * CELL[1]
+    assert (ROWS // 2) * CELL[1] < int(height) <= (ROWS - showing.SPARE_LINES) * CELL[1]
 
 
 @pytest.mark.parametrize("environment", [{"NO_COLOR": "1"}, {"TERM": "dumb"}])
@@ -135,9 +135,9 @@ def test_what_cannot_be_shown_is_told_before_rendering(monkeypatch, tmp_path, ca
     ):
         assert main([*TINY[:2], *words]) == 2
         assert capsys.readouterr().err.endswith(f"{why}\n")
-    monkeypatch.setattr(terminal, "find_spec", lambda name: None)
+    monkeypatch.setattr(showing, "find_spec", lambda name: None)
     with pytest.raises(SolariError, match=r"needs textual-image: pip install 'solari-vk\[terminal\]'$"):
-        terminal.check_can_show(tmp_path / "a.png")
+        showing.check_can_show(tmp_path / "a.png")
 
 
 # ---- the desktop ------------------------------------------------------------------------------------
@@ -174,7 +174,7 @@ def test_render_opens_what_it_wrote(lent_device, desktop_with, tmp_path, monkeyp
 
 def test_no_desktop_no_command_and_no_program_are_told(desktop_with, monkeypatch, capsys):
     def said():
-        desktop.open_file(Path("a.exr"))
+        showing.open_file(Path("a.exr"))
         (line,) = capsys.readouterr().err.splitlines()
         return line.removeprefix("--open: a.exr is written, but not shown: ")
 
@@ -190,8 +190,8 @@ def test_no_desktop_no_command_and_no_program_are_told(desktop_with, monkeypatch
 
 def test_a_program_that_stays_open_is_not_waited_for(desktop_with, monkeypatch, capsys, tmp_path):
     noted = desktop_with(f"sleep 20; touch '{tmp_path}/ended'")
-    monkeypatch.setattr(desktop, "PATIENCE", 0.5)
-    desktop.open_file(Path("a.png"))
+    monkeypatch.setattr(showing, "PATIENCE", 0.5)
+    showing.open_file(Path("a.png"))
     assert capsys.readouterr().err == ""
     assert noted.exists()
     assert not (tmp_path / "ended").exists()

@@ -16,11 +16,17 @@ from support.files import GltfWriter
 
 import solari_vk as sv
 from solari_vk import cli
+from solari_vk.data.cli.annotations import ANNOTATIONS
 from solari_vk.gpu.device.device import Device
 from solari_vk.lab.conformance.groups import GROUPS
 from solari_vk.output import movie
+from solari_vk.output.tone_mapping import TONEMAPS
+from solari_vk.passes.reference import FIRST_HIT_AOVS
 from solari_vk.scene.builtin import SCENES
-from solari_vk.settings import FIELDS
+from solari_vk.scene.files.formats import readable_suffixes
+from solari_vk.scene.lens import PROJECTIONS
+from solari_vk.scene.lights.light import Light
+from solari_vk.settings import FIELDS, QUALITIES
 
 ROOT = Path(__file__).resolve().parents[2]
 DOCS = ROOT / "docs"
@@ -268,6 +274,41 @@ def test_names_that_pages_give_are_there():
     sources = "".join(text_of(path) for path in (ROOT / "solari_vk").rglob("*.py"))
     assert variables == set(re.findall(r"SOLARI_VK_[A-Z]+(?:_[A-Z]+)*", sources))
     assert json.loads(blocks(DOCS / "guides/animation.md", "json")[0])
+
+
+def lists_in(text):
+    """The words of each list in a text, such as `a`, "b" or c, or a|b."""
+    word, between = r"[`\"'*]*[.\w]*\w[`\"'*]*", r"(?:\s*[,|/]\s*(?:or |and )?|\s+(?:or|and)\s+)"
+    for found in re.findall(rf"{word}(?:{between}{word}){{2,}}", text):
+        yield {each.strip("`\"'*") for each in re.split(between, found)}
+
+
+def test_lists_of_choices_are_whole():
+    """A list that names three choices of a kind names all of them, in help, docstrings, advice and pages."""
+    suffixes = set(readable_suffixes())
+    kinds = [[set(names)] for names in (TONEMAPS, PROJECTIONS, QUALITIES, ANNOTATIONS)]
+    kinds.append([suffixes, suffixes - {".gltf", ".glb"}])  # mesh files alone, too
+    sources = [*(ROOT / "solari_vk").rglob("*.py"), *(ROOT / "solari_vk/base").glob("*.toml")]
+    read = [path for path in [*PAGES, *sources] if path.name != "CHANGELOG.md" and path.parent.name != "measured"]
+    lists = {path: list(lists_in(text_of(path))) for path in read}
+    for wholes in kinds:
+        named = [(path, words & wholes[0]) for path, found in lists.items() for words in found]
+        partial = [(path, words) for path, words in named if len(words) >= 3 and words not in wholes]
+        assert not partial
+        # So there is a list that would be too short if one more were added to the code alone.
+        assert any(len(words) >= 3 for _, words in named), wholes
+
+
+def test_pages_name_all_that_there_is_of_a_kind():
+    outputs = text_of(DOCS / "guides/outputs.md")
+    assert [name for name in FIRST_HIT_AOVS if f"`{name}`" not in outputs] == []
+    cameras = text_of(DOCS / "guides/cameras.md")
+    assert [name for name in PROJECTIONS if f'`"{name}"`' not in cameras] == []
+    lights = text_of(DOCS / "guides/lights.md")
+    public = {name: getattr(sv, name) for name in sv.__all__}
+    kinds = [name for name, value in public.items() if isinstance(value, type) and issubclass(value, Light)]
+    assert len(kinds) > 3
+    assert [name for name in kinds if f"sv.{name}" not in lights] == []
 
 
 def test_fields_of_materials_are_there():

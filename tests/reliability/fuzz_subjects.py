@@ -21,7 +21,7 @@ from support.files import GltfWriter, image_file
 
 import solari_vk as sv
 from solari_vk.base.errors import SolariError
-from solari_vk.cli.subject import _find_camera
+from solari_vk.cli.loading import _find_camera
 from solari_vk.data.cluster import RenderTask, Style, View
 from solari_vk.data.datasets.dataset import cameras_for, views_of, write_transforms
 from solari_vk.data.datasets.journal import Journal

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import solari_vk as sv
-from solari_vk.cli import subject
 from solari_vk.cli.jobs import RenderOptions
+from solari_vk.cli.loading import load_scene
 
 
 def sun_file(writer):
@@ -27,7 +27,7 @@ def test_a_file_is_as_the_command_line_shows_it(writer, lit, capsys):
         writer.node(mesh=writer.mesh())
     writer.save(writer.path)
     scene = sv.open(writer.path)
-    shown = subject.load(RenderOptions(source=str(writer.path), output="x.png"))
+    shown = load_scene(RenderOptions(source=str(writer.path), output="x.png"))
     assert [light.describe() for light in scene.lights] == [light.describe() for light in shown.scene.lights]
     assert len(scene.instances) == len(shown.scene.instances) == (1 if lit else 2)
     camera = scene.camera_for(640 / 360)
@@ -60,9 +60,9 @@ def test_files_keep_the_exposure_that_they_were_saved_with(writer, ev100):
     scene.camera.ev100 = ev100
     path = writer.path.with_name("saved.glb")
     scene.save(path)
-    for camera in (sv.open(path).camera, subject.load(RenderOptions(source=str(path), output="x.png")).cameras[0]):
+    for camera in (sv.open(path).camera, load_scene(RenderOptions(source=str(path), output="x.png")).cameras[0]):
         assert (camera.ev100, camera.auto_exposure) == (ev100, False)
-    assert not subject.load(RenderOptions(source=str(path), output="x.png")).auto_exposure
+    assert not load_scene(RenderOptions(source=str(path), output="x.png")).auto_exposure
     scene.camera.auto_exposure = True
     scene.save(path)
     assert sv.open(path).camera.auto_exposure

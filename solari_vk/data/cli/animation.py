@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING
 
 from solari_vk.base.errors import SolariError
 from solari_vk.base.files import make_folder
-from solari_vk.cli.cluster import open_pool
+from solari_vk.cli.devices import open_pool
 from solari_vk.cli.jobs import ANIMATION_AVERAGE, EXPOSED_AVERAGE, MovieJob
-from solari_vk.cli.subject import Subject, expose
+from solari_vk.cli.loading import LoadedScene, set_exposure
 from solari_vk.data.cli.rendering import metered, render_files
 from solari_vk.data.sensors.sensor import Sensor
 from solari_vk.output.movie import write_movie
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from solari_vk.data.cluster import View
 
 
-def run(job: MovieJob, subject: Subject, how: Settings | int) -> int:
+def run(job: MovieJob, loaded: LoadedScene, how: Settings | int) -> int:
     """Render the pictures that aren't there yet; returns the exit code, 1 if some are missing.
 
     how: settings of the realtime renderer, or the path tracer's samples per pixel. The pictures of a movie are in a
@@ -36,7 +36,7 @@ def run(job: MovieJob, subject: Subject, how: Settings | int) -> int:
     output = job.output.resolve()
     folder = output.with_name(f"{output.stem}.frames") if job.is_movie else output.parent
     make_folder(folder)
-    clip = None if subject.clip is None else list(subject.scene.animations).index(subject.clip)
+    clip = None if loaded.clip is None else list(loaded.scene.animations).index(loaded.clip)
     if isinstance(how, Settings):
         frames = job.average or (ANIMATION_AVERAGE if job.shutter is None else EXPOSED_AVERAGE)
         style = Style(job.size, job.seed, job.aov, job.tonemap, clip, how, frames, job.warm_up, shutter=_shutter(job))
@@ -55,17 +55,17 @@ def run(job: MovieJob, subject: Subject, how: Settings | int) -> int:
     if job.sensor is not None:
         style = dataclasses.replace(style, sensor=Sensor.load(job.sensor), layers=(*style.layers, RAW))
     if style.clip is not None:
-        subject.scene.animate(0.0, style.clip)
+        loaded.scene.animate(0.0, style.clip)
     with open_pool(job) as pool:
-        if subject.auto_exposure:
-            expose(subject.cameras, metered(pool, subject, subject.cameras[:1], job.size))
-        views = _views(job, subject, style.clip, ".png" if job.is_movie else output.suffix)
+        if loaded.auto_exposure:
+            set_exposure(loaded.cameras, metered(pool, loaded, loaded.cameras[:1], job.size))
+        views = _views(job, loaded, style.clip, ".png" if job.is_movie else output.suffix)
         if style.settings is None:
             tasks = [RenderTask(style, number, (view,)) for number, view in enumerate(views)]
         else:
             tasks = blocks(style, views)
-        journal = open_journal(folder / f"{output.stem}.jsonl", pool, subject.scene, tasks)
-        complete = render_files(pool, subject.scene, tasks, journal, job)
+        journal = open_journal(folder / f"{output.stem}.jsonl", pool, loaded.scene, tasks)
+        complete = render_files(pool, loaded.scene, tasks, journal, job)
     if job.is_movie and complete:
         write_movie(output, [folder / view.name for view in views], job.fps)
         shutil.rmtree(folder)
@@ -84,26 +84,26 @@ def _shutter(job: MovieJob) -> Shutter | None:
     return Shutter(close=exposed, readout=readout)
 
 
-def _views(job: MovieJob, subject: Subject, clip: int | None, suffix: str) -> list[View]:
+def _views(job: MovieJob, loaded: LoadedScene, clip: int | None, suffix: str) -> list[View]:
     """The pictures, with the cameras as they are at their times: a clip may move them."""
     from solari_vk.data.cluster import View
 
     views, lasts = [], sum(job.shutter or ())
-    for number, camera in enumerate(subject.cameras):
+    for number, camera in enumerate(loaded.cameras):
         time = None if clip is None else number / job.fps
         if clip is not None and time is not None:
-            subject.scene.animate(time, clip)
+            loaded.scene.animate(time, clip)
         shown, closing = copy.deepcopy(camera), None
         if job.shutter is not None and clip is not None and time is not None:
-            subject.scene.animate(time + lasts, clip)
+            loaded.scene.animate(time + lasts, clip)
             closing = copy.deepcopy(camera)
         elif job.shutter is not None:
-            share, last = lasts * job.fps, len(subject.cameras) - 1
+            share, last = lasts * job.fps, len(loaded.cameras) - 1
             if number < last:
-                closing = between(shown, subject.cameras[number + 1], share)
+                closing = between(shown, loaded.cameras[number + 1], share)
             elif last:
-                closing = between(subject.cameras[last - 1], shown, 1 + share)
+                closing = between(loaded.cameras[last - 1], shown, 1 + share)
         views.append(View(f"{job.output.stem}.{number:04}{suffix}", shown, time, closing))
     if clip is not None:
-        subject.scene.animate(0.0, clip)
+        loaded.scene.animate(0.0, clip)
     return views

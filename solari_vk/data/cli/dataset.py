@@ -11,10 +11,10 @@ from typing import TYPE_CHECKING
 import solari_vk as sv
 from solari_vk.base.errors import SolariError
 from solari_vk.base.files import make_folder, read_json, write_whole
-from solari_vk.cli.cluster import open_pool
+from solari_vk.cli.devices import open_pool
+from solari_vk.cli.loading import LoadedScene, check_aovs, load_scene, set_exposure
 from solari_vk.cli.progress import check_time_limit
 from solari_vk.cli.realtime import check_parts
-from solari_vk.cli.subject import Subject, check_aovs, expose, load
 from solari_vk.data.annotate.keypoints import find_keypoints
 from solari_vk.data.cli.annotations import ANNOTATIONS, Annotating, write_shards
 from solari_vk.data.cli.rendering import metered, render_files
@@ -53,15 +53,15 @@ def run(job: DatasetJob) -> int:
         style = dataclasses.replace(style, sensor=Sensor.load(job.sensor), layers=(*style.layers, RAW))
     folder = job.output.resolve()
     make_folder(folder)
-    subject = load(job, time=job.time, seen_all_round=job.cameras == "orbit")
-    cameras, metered_numbers = _cameras(subject, job)
+    loaded = load_scene(job, time=job.time, seen_all_round=job.cameras == "orbit")
+    cameras, metered_numbers = _cameras(loaded, job)
     shown = [cameras[number] for number in metered_numbers]
     cameras = cameras[: job.views]
     if randomizer is not None:
-        randomizer.prepare(subject.scene)
-    instances = dict(enumerate(subject.scene.instances))
-    objects = style.objects(subject.scene)
-    given = {} if job.labels is None else find_labels(objects, job.labels, subject.scene.backdrop)
+        randomizer.prepare(loaded.scene)
+    instances = dict(enumerate(loaded.scene.instances))
+    objects = style.objects(loaded.scene)
+    given = {} if job.labels is None else find_labels(objects, job.labels, loaded.scene.backdrop)
     labels = {number: instance.label for number, instance in instances.items()}
     for number, instance in instances.items():
         if instance in given:
@@ -75,13 +75,13 @@ def run(job: DatasetJob) -> int:
     if job.annotations:
         annotations = Annotations(labels, keypoints, objects_of(instances, labels))
         split = BOP_SPLITS.get(job.format, "")
-        annotating = Annotating(folder, annotations, instances, style, subject.scene, split)
+        annotating = Annotating(folder, annotations, instances, style, loaded.scene, split)
         annotating.check(job.annotations, cameras)
     with open_pool(job) as pool:
-        ev100 = subject.cameras[0].ev100
-        if subject.auto_exposure:
-            ev100 = metered(pool, subject, shown, job.size, randomizer, metered_numbers)
-        expose(cameras, ev100)
+        ev100 = loaded.cameras[0].ev100
+        if loaded.auto_exposure:
+            ev100 = metered(pool, loaded, shown, job.size, randomizer, metered_numbers)
+        set_exposure(cameras, ev100)
         if randomizer is not None:
             for number, camera in enumerate(cameras):
                 randomizer.camera(camera, number)
@@ -96,13 +96,13 @@ def run(job: DatasetJob) -> int:
                 for number, view in enumerate(views)
             ]
         tasks = _tasks(style, views, job.cameras == "random" or randomizer is not None)
-        journal = open_journal(folder / JOURNAL, pool, subject.scene, tasks)
+        journal = open_journal(folder / JOURNAL, pool, loaded.scene, tasks)
         write_transforms(folder, style, views)
         if job.colmap:
             save_colmap(folder / COLMAP, cameras, job.size, [view.name for view in views])
         if "instance_id" in style.layers:
             write_whole(folder / INSTANCES, json.dumps(instance_table(instances, labels)))
-        if not render_files(pool, subject.scene, tasks, journal, job):
+        if not render_files(pool, loaded.scene, tasks, journal, job):
             return 1
     if annotating is not None:
         annotating.write(job.annotations, views)
@@ -169,7 +169,7 @@ def _tasks(style: Style, views: list[View], is_random: bool) -> list[RenderTask]
     return [RenderTask(style, number, (view,), (view,) * warm_up) for number, view in enumerate(views)]
 
 
-def _cameras(subject: Subject, job: DatasetJob) -> tuple[list[Camera], list[int]]:
+def _cameras(loaded: LoadedScene, job: DatasetJob) -> tuple[list[Camera], list[int]]:
     """The cameras of the views, and perhaps more, and the numbers of those whose exposures are measured.
 
     At random places these are the first ones of the seed, used or not, so that any number of views has one exposure.
@@ -177,6 +177,6 @@ def _cameras(subject: Subject, job: DatasetJob) -> tuple[list[Camera], list[int]
     is_random = job.cameras == "random"
     most = max(job.views, METERED) if is_random and job.views is not None else job.views
     aspect = job.size[0] / job.size[1]
-    found = cameras_for(job.cameras, subject.scene, subject.cameras[0], most, aspect, job.seed)
+    found = cameras_for(job.cameras, loaded.scene, loaded.cameras[0], most, aspect, job.seed)
     numbers = range(len(found))
     return found, list(numbers[:METERED] if is_random else numbers[:: -(-len(found) // METERED)])

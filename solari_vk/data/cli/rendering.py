@@ -7,7 +7,7 @@ import sys
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from solari_vk.cli.cluster import Reporter, words_on
+from solari_vk.cli.devices import Reporter, words_on
 from solari_vk.cli.progress import Progress
 from solari_vk.data.datasets.journal import Journal, render_missing
 from solari_vk.data.datasets.tasks import Meter, RenderTask
@@ -17,7 +17,7 @@ from solari_vk.renderers.cluster.worker_pool import WorkerPool
 
 if TYPE_CHECKING:
     from solari_vk.cli.jobs import MovieJob
-    from solari_vk.cli.subject import Subject
+    from solari_vk.cli.loading import LoadedScene
     from solari_vk.data.cli.jobs import DatasetJob
     from solari_vk.data.randomize.randomizer import Randomizer
     from solari_vk.scene.model import Camera, Scene
@@ -25,14 +25,14 @@ if TYPE_CHECKING:
 
 def metered(
     pool: WorkerPool | OneDevice,
-    subject: Subject,
+    loaded: LoadedScene,
     cameras: Sequence[Camera],
     size: tuple[int, int],
     randomizer: Randomizer | None = None,
     numbers: Sequence[int] = (),
 ) -> float:
     """The exposure that suits pictures of some cameras. randomizer, numbers: as of Meter."""
-    answers = pool.map(subject.scene, [Meter(tuple(cameras), size, randomizer, tuple(numbers))])
+    answers = pool.map(loaded.scene, [Meter(tuple(cameras), size, randomizer, tuple(numbers))])
     return float(next(done[1] for done in answers if done is not None))
 
 

@@ -10,8 +10,8 @@ from solari_vk.base.errors import SolariError, unknown_name
 from solari_vk.base.files import make_folder
 from solari_vk.bound.projection import Projection
 from solari_vk.cli.jobs import SceneOptions
+from solari_vk.cli.loading import load_scene
 from solari_vk.cli.progress import Progress, Stopped
-from solari_vk.cli.subject import load
 from solari_vk.gpu.device.compile_notes import CompileNotes
 from solari_vk.gpu.device.device import Device
 from solari_vk.lab.cli.fidelity_job import FidelityJob
@@ -68,7 +68,7 @@ def run(job: FidelityJob) -> int:
 def render(device: Device, scenario: Scenario, path: Path, job: FidelityJob, denoise: bool) -> None:
     """Write the picture of one scenario."""
     model, lighting = str(scenario.file("model")), str(scenario.file("lighting"))
-    scene = load(SceneOptions(source=model, environment=lighting, exposure="camera")).scene
+    scene = load_scene(SceneOptions(source=model, environment=lighting, exposure="camera")).scene
     fidelity.show_unlit_colors(scene)
     low, high = scene.bounds
     camera: Camera = scenario.camera(float(sum((high - low) ** 2) ** 0.5 / 2))

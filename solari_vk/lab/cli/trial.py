@@ -96,7 +96,7 @@ def run(job: TrialJob) -> int:
 
 def _subjects(job: TrialJob) -> Iterator[Subject | tuple[str, SolariError]]:
     """The scenes, each with a name of its own; for one that can't be loaded its name and the error."""
-    from solari_vk.cli.subject import load
+    from solari_vk.cli.loading import load_scene
     from solari_vk.lab.trial.subject import Subject
 
     names: set[str] = set()
@@ -106,7 +106,7 @@ def _subjects(job: TrialJob) -> Iterator[Subject | tuple[str, SolariError]]:
         names.add(name)
         try:
             scene_of = SceneOptions(source=str(file), size=job.size, environment=job.environment, camera=job.camera)
-            found = load(scene_of)
+            found = load_scene(scene_of)
         except SolariError as error:
             yield name, error
             continue

@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING
 from urllib.parse import urlunsplit
 
 from solari_vk.base.errors import SolariError
-from solari_vk.cli.compiling import open_device
-from solari_vk.cli.subject import Subject, load
+from solari_vk.cli.devices import open_device
+from solari_vk.cli.loading import LoadedScene, load_scene
 from solari_vk.gpu.device.compile_notes import CompileNotes
 from solari_vk.passes.debug_views import check_view
 from solari_vk.studio.cli.jobs import ServeJob
@@ -37,8 +37,8 @@ def run(job: ServeJob) -> None:
     check_view(job.view, job.make_settings().lighting)
     token = job.token or (None if is_loopback(job.host) else secrets.token_urlsafe(TOKEN_BYTES))
     with listen(job.host, job.port) as sock:  # before anything that takes long
-        subject = load(job)
-        hub = Hub(lambda: _make(job, subject), job.shared)
+        loaded = load_scene(job)
+        hub = Hub(lambda: _make(job, loaded), job.shared)
 
         def started() -> None:
             print(f"serving {job.source} with {hub.about['device']}: {_address(job.host, sock, token)}", flush=True)
@@ -47,17 +47,17 @@ def run(job: ServeJob) -> None:
         asyncio.run(serve(hub, sock, token, started))
 
 
-def _make(job: ServeJob, subject: Subject) -> Screens:
+def _make(job: ServeJob, loaded: LoadedScene) -> Screens:
     """Open the device, on the thread that will own it, and what shows the scene on it."""
     from solari_vk.studio.browser.screen import Screens
 
-    camera = subject.cameras[0]
-    camera.auto_exposure = subject.auto_exposure
+    camera = loaded.cameras[0]
+    camera.auto_exposure = loaded.auto_exposure
     with ExitStack() as undo:
         device = undo.enter_context(open_device(job, CompileNotes()))
         screens = Screens(
             device,
-            subject.scene,
+            loaded.scene,
             camera,
             size=job.size,
             name=Path(job.source).name,

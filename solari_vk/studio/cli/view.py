@@ -8,8 +8,8 @@ from pathlib import Path
 
 import solari_vk as sv
 from solari_vk.base.errors import SolariError
-from solari_vk.cli.compiling import open_device
-from solari_vk.cli.subject import load
+from solari_vk.cli.devices import open_device
+from solari_vk.cli.loading import load_scene
 from solari_vk.gpu.device.compile_notes import CompileNotes
 from solari_vk.gpu.device.rays import IN_WORDS
 from solari_vk.output.picture import write_codes
@@ -29,17 +29,17 @@ def run(job: ViewJob) -> None:
     settings = job.make_settings()
     check_view(job.view, settings.lighting)
     area = Layout.of(job.size, panels=not job.no_overlay).picture
-    subject = load(replace(job, size=(area.width, area.height)))
+    loaded = load_scene(replace(job, size=(area.width, area.height)))
     is_file = not job.source.startswith("builtin:")
-    subject.cameras[0].auto_exposure = subject.auto_exposure
-    beside = None if job.beside is None else load(replace(job, source=job.beside, camera=None)).scene
+    loaded.cameras[0].auto_exposure = loaded.auto_exposure
+    beside = None if job.beside is None else load_scene(replace(job, source=job.beside, camera=None)).scene
     with (
         open_device(job, CompileNotes()) as device,
         sv.Viewer(
             device,
-            subject.scene,
+            loaded.scene,
             size=job.size,
-            camera=subject.cameras[0],
+            camera=loaded.cameras[0],
             mode=job.mode,
             scale=job.scale,
             fps=job.fps,
@@ -48,7 +48,7 @@ def run(job: ViewJob) -> None:
             overlay=not job.no_overlay,
             source=job.source,
             source_options=job.words(),
-            load=(lambda: load(job).scene) if is_file else None,
+            load=(lambda: load_scene(job).scene) if is_file else None,
             folder=job.folder,
             beside=beside,
             beside_name=Path(job.beside).name if job.beside else "",

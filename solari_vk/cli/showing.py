@@ -1,8 +1,11 @@
-"""`solari-vk render --show`: a picture in the terminal, by its graphics or by colored characters."""
+"""`solari-vk render --show` and `--open`: a picture in the terminal, or in the program that the desktop has for it."""
 
 from __future__ import annotations
 
 import logging
+import os
+import shutil
+import subprocess
 import sys
 from importlib.util import find_spec
 from pathlib import Path
@@ -11,6 +14,38 @@ from solari_vk.base.errors import SolariError
 
 SUFFIXES = (".png", ".gif")
 SPARE_LINES = 2  # for the prompt and the line above the picture
+PATIENCE = 5.0  # seconds to wait for an error; on some desktops xdg-open stays until its program is closed
+
+
+# ---- the desktop ------------------------------------------------------------------------------------
+
+
+def open_file(path: Path) -> None:
+    """Open a file in the desktop's program for its kind. Where that isn't possible, standard error says why."""
+    reason = _why_not_opened(path)
+    if reason:
+        print(f"--open: {path} is written, but not shown: {reason}", file=sys.stderr)
+
+
+def _why_not_opened(path: Path) -> str:
+    """Open a file; returns what went wrong."""
+    if not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
+        return "this session has no desktop (DISPLAY and WAYLAND_DISPLAY aren't set)"
+    command = shutil.which("xdg-open")
+    if command is None:
+        return "xdg-open is missing: install xdg-utils"
+    none = subprocess.DEVNULL
+    process = subprocess.Popen(
+        [command, str(path.resolve())], stdin=none, stdout=none, stderr=none, start_new_session=True
+    )
+    try:
+        status = process.wait(PATIENCE)
+    except subprocess.TimeoutExpired:
+        return ""
+    return f"xdg-open found no program for {path.suffix} files (exit status {status})" if status else ""
+
+
+# ---- the terminal -----------------------------------------------------------------------------------
 
 
 def check_can_show(output: Path) -> None:
@@ -23,7 +58,8 @@ def check_can_show(output: Path) -> None:
 
 def show_file(path: Path) -> None:
     """Show a picture where standard output is a terminal. Where that isn't possible, standard error says why."""
-    if sys.stdout.isatty() and (reason := _why_not_shown(path)):
+    reason = _why_not_shown(path) if sys.stdout.isatty() else ""
+    if reason:
         print(f"--show: {path} is written, but not shown: {reason}", file=sys.stderr)
 
 

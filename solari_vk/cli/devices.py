@@ -1,17 +1,31 @@
-"""Jobs on several devices, or on one that does them in the same way."""
+"""Opens the device of a command, or the workers with several of them."""
 
 from __future__ import annotations
 
 import math
+import sys
+import warnings
 from typing import TYPE_CHECKING, Any
 
 from solari_vk.cli.progress import Progress, Stopped
 from solari_vk.gpu.device.compile_notes import CompileNotes
 
 if TYPE_CHECKING:
-    from solari_vk.cli.jobs import SharedPicture
+    from solari_vk.cli.jobs import PictureOptions, SharedPicture
+    from solari_vk.gpu.device.device import Device
     from solari_vk.renderers.cluster.device_session import OneDevice
     from solari_vk.renderers.cluster.worker_pool import WorkerPool
+
+
+def open_device(job: PictureOptions, notes: CompileNotes | None = None) -> Device:
+    """The device that a job asks for."""
+    from solari_vk.gpu.device.device import Device
+
+    with warnings.catch_warnings(record=True) as caught:  # such as of a card that isn't used
+        device = Device(job.device, validation=job.validation or None, rays=job.rays, on_compile=notes)
+    for warning in caught:
+        print(f"warning: {warning.message}", file=sys.stderr)
+    return device
 
 
 def open_pool(job: SharedPicture) -> WorkerPool | OneDevice:

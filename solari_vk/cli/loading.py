@@ -1,0 +1,271 @@
+"""Loads what a command renders: the scene, the cameras and the exposure."""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+import sys
+import warnings
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import solari_vk as sv
+from solari_vk.base.errors import SolariError, advice_for, quoted
+from solari_vk.base.files import read_json
+from solari_vk.cli.jobs import ORBIT_PICTURES, MovieJob, SceneOptions, StillJob
+from solari_vk.output.animation import MAX_CAMERAS, load_path, orbit, orbit_turns
+from solari_vk.scene.files.libraries import INSTALL
+from solari_vk.scene.model import Animation, Camera, Scene
+from solari_vk.scene.presenting.surroundings import surround
+from solari_vk.scene.shutter import Shutter
+
+BUILTIN = "builtin:"
+MAX_DIGITS = 10  # of an index: Python refuses to read numbers with thousands
+
+
+@dataclass
+class LoadedScene:
+    """A scene, and how to look at it."""
+
+    scene: Scene
+    cameras: list[Camera]
+    """One camera, or those of an animation."""
+    auto_exposure: bool
+    """Whether the picture chooses the exposure, not the cameras."""
+    clip: Animation | None
+    """What --animate file plays."""
+    still: Animation | None = None
+    """The clip of which --time chose the pose."""
+
+
+@dataclass(frozen=True)
+class _Orbit:
+    """A way of the camera around the scene."""
+
+    swing: float | None
+    """The angle in degrees through which it swings and back; None once around."""
+
+
+def load_scene(
+    job: SceneOptions, *, clip: str | None = None, time: float | None = None, seen_all_round: bool = False
+) -> LoadedScene:
+    """The scene, the cameras and the exposure of a job; a still one is posed as it is at a time in a clip.
+
+    seen_all_round: cameras will go around the scene, so that what frames it must do so from all sides.
+    """
+    movie = job if isinstance(job, MovieJob) else None
+    scene = _read_scene(job)
+    played = _find_clip(scene, job.source, clip, time, plays=movie is not None and movie.animate == "file")
+    still = None
+    if played is not None and time is not None:
+        played.apply(scene, time, loop=False)
+        still = played
+        played = None
+
+    path = None if movie is None else _orbit_of(movie)
+    front = _front_camera(scene, job, played, _Orbit(None) if seen_all_round else path)
+    camera = front if job.camera is None else _find_camera(scene, job.camera)
+    # Before lights are added: they widen the scene's bounds, around whose center an orbit goes.
+    cameras = [camera] if movie is None else _animated_cameras(movie, scene, camera, played, path)
+    # By the camera in front, so that --camera doesn't turn the light.
+    light_added, lit_by_studio = surround(scene, front, job.environment)
+    if getattr(job, "transparent", False):
+        _hide_backdrop(scene, cameras)
+    if light_added:
+        print(f"{job.source} has no light of its own: it is {light_added}", file=sys.stderr)
+    _adjust_environment(scene, job)
+    has_exposure = camera.has_exposure and not camera.auto_exposure
+    # The light of built-in scenes and of the studio is made for the exposure that their cameras have.
+    known = job.source.startswith(BUILTIN) or lit_by_studio or has_exposure
+    auto_exposure = _choose_exposure(cameras, job.exposure or ("camera" if known else "auto"))
+    for warning in scene.warnings:
+        print(f"warning: {warning}", file=sys.stderr)
+    return LoadedScene(scene, cameras, auto_exposure, played, still)
+
+
+def set_exposure(cameras: Iterable[Camera], ev100: float) -> None:
+    """Give cameras one exposure."""
+    for camera in cameras:
+        camera.ev100 = ev100
+
+
+def check_aovs(names: Sequence[str], mode: str, known: Sequence[str]) -> None:
+    """Raise SolariError for a name that isn't among the outputs of a mode."""
+    for name in names:
+        if name not in known:
+            there = advice_for("--aov", name) or f"it has {', '.join(known)}"
+            raise SolariError(f"--aov {name}: --mode {mode} has no such output; {there}")
+
+
+def shutter_arguments(job: StillJob | MovieJob, loaded: LoadedScene) -> dict[str, Any]:
+    """The arguments of `render` for --shutter of a still picture."""
+    if job.shutter is None:
+        return {}
+    clip = loaded.still
+    if clip is None:
+        raise SolariError(
+            "--shutter: nothing moves in a still picture: give --time, of the file's animation, or --animate"
+        )
+    seconds, readout = job.shutter
+    opens = job.time or 0.0
+    return {
+        "shutter": Shutter(open=opens, close=opens + seconds, readout=readout),
+        "pose": lambda time: clip.apply(loaded.scene, time, loop=False),
+    }
+
+
+# ---- the scene --------------------------------------------------------------------------------------
+
+
+def _read_scene(job: SceneOptions) -> Scene:
+    if job.source.startswith(BUILTIN):
+        for name in ("scene", "variant", "up", "unit"):
+            value = getattr(job, name)
+            if value is not None:
+                raise SolariError(f"--{name} {value}: a built-in scene has none: leave the option out")
+        return sv.builtin(job.source.removeprefix(BUILTIN))
+    with warnings.catch_warnings():
+        # Libraries that are missing are among the scene's own warnings too, which `load_scene` prints.
+        warnings.filterwarnings("ignore", f".*{re.escape(INSTALL)}")
+        scene = None if job.scene is None else _name_or_index(job.scene)
+        return sv.load(job.source, scene=scene, variant=job.variant, up=job.up, unit=job.unit, strict=job.strict)
+
+
+def _name_or_index(text: str) -> str | int:
+    return int(text) if text.isdecimal() and len(text) < MAX_DIGITS else text
+
+
+def _hide_backdrop(scene: Scene, cameras: Iterable[Camera]) -> None:
+    """What --transparent asks of a scene and its cameras."""
+    if any(camera.aperture for camera in cameras):
+        raise SolariError(
+            "--transparent: the camera has an aperture, whose blurred edges have no alpha: give --camera without one"
+        )
+    if scene.backdrop is not None:
+        scene.backdrop.visible = False
+
+
+def _adjust_environment(scene: Scene, job: SceneOptions) -> None:
+    """Turn the environment, and make it brighter or darker, as options say."""
+    if not job.environment_rotation and job.environment_intensity == 1:
+        return
+    if scene.environment is None:
+        raise SolariError("--environment-rotation and -intensity: there is no environment: give one by --environment")
+    scene.environment.turn(math.radians(job.environment_rotation))
+    scene.environment.intensity *= job.environment_intensity
+
+
+# ---- its animation ----------------------------------------------------------------------------------
+
+
+def _find_clip(scene: Scene, source: str, name: str | None, time: float | None, plays: bool) -> Animation | None:
+    """The clip that --clip names, the first if only --time or --animate file need one, None if none does."""
+    option = _option_with_clip(name, time, plays)
+    if not option:
+        return None
+    if not scene.animations:
+        raise SolariError(f"{option}: {source} has no animations")
+    if plays and time is not None:
+        raise SolariError(f"--time {time:g}: --animate file plays the whole clip: leave one of the two out")
+    if not plays and time is None:
+        raise SolariError(f"--clip {name}: give --animate file for a movie of it, or --time for a picture")
+    text = name or "0"
+    # A clip may have a number for its name.
+    return scene.animations[text if text in scene.animations else _name_or_index(text)]
+
+
+def _option_with_clip(name: str | None, time: float | None, plays: bool) -> str:
+    """The first option that needs a clip, "" if none does."""
+    if name is not None:
+        return "--clip"
+    if time is not None:
+        return "--time"
+    return "--animate file" if plays else ""
+
+
+# ---- cameras ----------------------------------------------------------------------------------------
+
+
+def _orbit_of(movie: MovieJob) -> _Orbit | None:
+    """What --animate orbit[:DEGREES] asks for, None for another animation."""
+    kind, colon, angle = movie.animate.partition(":")
+    if kind != "orbit":
+        return None
+    if not colon:
+        return _Orbit(None)
+    try:
+        degrees = float(angle)
+    except ValueError:
+        degrees = math.nan
+    if not math.isfinite(degrees):
+        raise SolariError(f"--animate {movie.animate}: give an angle such as orbit:30")
+    return _Orbit(degrees)
+
+
+def _front_camera(scene: Scene, job: SceneOptions, clip: Animation | None, path: _Orbit | None) -> Camera:
+    """The scene's camera, or one that frames the scene in all poses of a clip and from all places of an orbit."""
+    turns = [0.0] if path is None else orbit_turns(ORBIT_PICTURES, path.swing).tolist()
+    width, height = job.size
+    return scene.camera_for(width / height, clip, turns=turns)
+
+
+def _find_camera(scene: Scene, text: str) -> Camera:
+    """The camera that the option --camera names."""
+    index = _name_or_index(text)
+    if isinstance(index, int):
+        if index >= len(scene.cameras):
+            raise SolariError(f"--camera {text}: {scene.describe()} has {len(scene.cameras)} cameras, counted from 0")
+        return scene.cameras[index]
+    if text in scene.cameras:
+        return scene.cameras[text]
+    try:
+        return Camera.from_pose(_read_pose(text))
+    except SolariError as error:
+        raise SolariError(f"--camera {text}: {error}") from None
+
+
+def _read_pose(text: str) -> Any:
+    """A pose as JSON, or in a file."""
+    if not text.lstrip().startswith("{"):
+        return read_json(Path(text), "neither a camera's name, nor a pose, nor a file of one")
+    try:
+        return json.loads(text)
+    except (ValueError, RecursionError) as error:
+        raise SolariError(f"not a pose as JSON ({error})") from None
+
+
+def _animated_cameras(
+    movie: MovieJob, scene: Scene, camera: Camera, clip: Animation | None, path: _Orbit | None
+) -> list[Camera]:
+    """The cameras of an animation that starts at `camera`."""
+    count = movie.frames or (ORBIT_PICTURES if clip is None else max(round(clip.duration * movie.fps), 1))
+    if count > MAX_CAMERAS:
+        raise SolariError(f"--frames {count}: an animation has at most {MAX_CAMERAS:,} pictures")
+    if clip is not None:
+        return [camera] * count
+    if path is not None:
+        return orbit(camera, scene.bounds.center, count, path.swing)
+    if movie.animate in scene.animations and not Path(movie.animate).exists():
+        raise SolariError(
+            f"--animate {movie.animate}: is a clip of the file: give --animate file --clip {quoted(movie.animate)}"
+        )
+    return load_path(movie.animate, camera, fps=movie.fps, count=movie.frames)
+
+
+def _choose_exposure(cameras: Sequence[Camera], exposure: str) -> bool:
+    """Expose cameras as by the option --exposure; whether the picture decides instead."""
+    if exposure == "auto":
+        return True
+    if exposure == "camera":
+        for camera in cameras:
+            # Assigned, it counts as an exposure that somebody chose, which no meter changes.
+            camera.ev100 = float(camera.ev100)
+        return False
+    try:
+        set_exposure(cameras, float(exposure))
+    except ValueError:
+        raise SolariError(f"--exposure {exposure}: give an EV100 such as 9.5, or auto") from None
+    return False
