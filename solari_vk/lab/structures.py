@@ -284,8 +284,13 @@ def trace(
     """
     origins, directions = np.broadcast_arrays(np.atleast_2d(origins), np.atleast_2d(directions))
     rays = np.zeros(len(origins), shaders.element("conformance/trace", "rays"))
-    rays["origin"], rays["direction"], rays["t_min"], rays["t_max"] = origins, directions, t_min, t_max
-    rays["flags"], rays["cull_mask"], rays["box_t"] = flags, cull_mask, box_t
+    rays["origin"] = origins
+    rays["direction"] = directions
+    rays["t_min"] = t_min
+    rays["t_max"] = t_max
+    rays["flags"] = flags
+    rays["cull_mask"] = cull_mask
+    rays["box_t"] = box_t
     step = Pass("conformance/trace", threads=len(rays))
     if shaders.device.rays == "pipeline":
         step = RayPass(step.name, threads=len(rays), misses=[f"{_TRACE}.rmiss"], hits=_HITS)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -68,7 +68,7 @@ def measure_watertight(shaders: ShaderRunner) -> Iterator[Measurement]:
     fan = np.stack([apex, rim, np.roll(rim, -1, axis=0)], 1).astype(np.float32)
     ball = bumpy_ball(64, 0.05)
     shapes = {"ball": [Triangles(ball)], "fan": [Triangles(fan)]}
-    targets = {
+    targets: dict[str, Target] = {
         "closed surface: edges": ("ball", _edge_points(ball, np.linspace(0.05, 0.95, 11)), (0.05, -0.1, 0.02)),
         "closed surface: vertices": ("ball", np.unique(ball.reshape(-1, 3), axis=0), (0.05, -0.1, 0.02)),
         "fan: edges": ("fan", _edge_points(fan, np.linspace(0.05, 0.95, 64), [(0, 1)]), (0.1, 0.2, 2.0)),
@@ -79,15 +79,22 @@ def measure_watertight(shaders: ShaderRunner) -> Iterator[Measurement]:
         matrix = Placement("ball", _place(place)).matrix
         for shape in shapes:
             with Structures(shaders.device, shapes, [Placement(shape, matrix)]) as structures:
-                for name, (of, points, eye) in targets.items():
-                    if of == shape:
-                        origins = random.normal(size=points.shape) * 0.05 + eye
-                        directions = transform_directions(matrix, points - origins)
-                        hits = trace(shaders, structures.tlas, transform_points(matrix, origins), directions)
-                        through[name] += int((hits["t"] < 0).sum())
+                for name, (_, points, eye) in _of_shape(targets, shape):
+                    origins = random.normal(size=points.shape) * 0.05 + eye
+                    directions = transform_directions(matrix, points - origins)
+                    hits = trace(shaders, structures.tlas, transform_points(matrix, origins), directions)
+                    through[name] += int((hits["t"] < 0).sum())
     for name, (_, points, _) in targets.items():
         rule = Rule(f"{_WATERTIGHT}: {name}", VULKAN, "Ray Traversal: Watertightness")
         yield Measurement(rule, float(through[name]), unit=f"of {len(points) * len(PLACES):,}")
+
+
+# The shape that rays are aimed at, the points on it, and where the rays come from.
+Target = tuple[str, Floats, tuple[float, float, float]]
+
+
+def _of_shape(targets: Mapping[str, Target], shape: str) -> list[tuple[str, Target]]:
+    return [(name, target) for name, target in targets.items() if target[0] == shape]
 
 
 def _edge_points(corners: Floats, along: Floats, edges: Sequence[tuple[int, int]] = ((0, 1), (1, 2), (2, 0))) -> Floats:
@@ -105,8 +112,10 @@ def measure_many_instances(shaders: ShaderRunner, count: int) -> Iterator[Measur
     side = int(np.ceil(count ** (1 / 3)))
     places = np.stack(np.unravel_index(np.arange(count), (side, side, side)), 1) * 4.0
     places = places[spatial_order(places)]
-    custom = (np.arange(count) * 2654435761) & 0xFFFFFF
-    placed, origins, directions = [], [], []
+    custom = (np.arange(count) * 2654435761) & 0xFFFFFF  # Knuth's multiplicative hash spreads the 24 bits
+    placed = []
+    origins = []
+    directions = []
     for at, data in zip(places, custom, strict=True):
         matrix = np.concatenate([random_rotation(random) * random.choice((-1, 1)), at[:, None]], axis=1)
         placed.append(Placement("one", matrix, custom=int(data)))
@@ -210,7 +219,9 @@ def measure_not_finite(shaders: ShaderRunner) -> Iterator[Measurement]:
         ray[list(change)] = list(change.values())
     labels, valid = list(changes), np.arange(len(table)) < 2
     rays = np.zeros(len(table), shaders.element("conformance/probe", "probes"))
-    rays["origin"], rays["direction"], rays["t_min"], rays["t_max"] = table[:, :3], table[:, 3:6], *table[:, 6:].T
+    rays["origin"] = table[:, :3]
+    rays["direction"] = table[:, 3:6]
+    rays["t_min"], rays["t_max"] = table[:, 6:].T
     rays["cull_mask"] = 0xFF
     with Structures(shaders.device, shapes, [Placement("wall"), Placement("box")]) as structures:
         released, _ = run_rays(shaders, structures, rays)

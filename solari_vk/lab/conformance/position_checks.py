@@ -30,15 +30,18 @@ def measure_positions(shaders: ShaderRunner, probes: Sequence[Probe], header: st
         outputs = {"corners": len(rays), **(rt.FAULT_BUFFERS if header else {})}
         found = shaders.run("conformance/positions", len(rays), inputs, outputs, header=header)["corners"]
     for (which, several), rule in RULES.items():
-        errors = {
-            probe.label: _error(got, which, expected)
-            for probe, got in zip(probes, found, strict=True)
-            if (len(SHAPES[INSTANCES[probe.on].shape]) > 1) == several
-            and (expected := _corners(probe, which)) is not None
-        }
+        errors = {}
+        for probe, got in zip(probes, found, strict=True):
+            expected = _corners(probe, which)
+            if expected is not None and _has_several_geometries(probe) == several:
+                errors[probe.label] = _error(got, which, expected)
         if errors:
             worst = max(errors, key=errors.__getitem__)
             yield Measurement(rule, errors[worst], 1e-6, "absolute error", worst)
+
+
+def _has_several_geometries(probe: Probe) -> bool:
+    return len(SHAPES[INSTANCES[probe.on].shape]) > 1
 
 
 def _error(got: np.void, which: str, expected: np.ndarray) -> float:

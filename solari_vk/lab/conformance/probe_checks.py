@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +24,9 @@ _OBJECT_RAY = Rule("OpRayQueryGetIntersectionObjectRayOrigin, Direction", VULKAN
 _NO_FAULTS = Rule("the debug build reports no fault for valid queries", SUITE, "ray_query_debug.glsl")
 _PROCEED = call_rule("rayQueryProceed returns false in the end, and again when called again")
 _OPAQUE_BOX = Rule("OpRayQueryGetIntersectionCandidateAABBOpaque", VULKAN, "Ray Query")
+
+
+CheckedProbe = TypeVar("CheckedProbe", bound="Checked")
 
 
 def probe_rays(dtype: np.dtype[Any], probes: Sequence[Probe] = PROBES) -> np.ndarray:
@@ -101,20 +104,31 @@ def measure_probes(
 
 def _measure(checked: list[Checked]) -> Iterator[Measurement]:
     """Compare answers with what the probes must find."""
-    rules: dict[Rule, list[Checked]] = {}
-    for item in checked:
-        rules.setdefault(item.probe.rule, []).append(item)
-    for rule, items in rules.items():
-        yield count_wrong(rule, [f"{item.probe.label} ({why})" for item in items if (why := item.wrong())])
+    yield from measure_tables(checked, lambda probe: probe.rule)
     yield count_wrong(
-        _PROCEED,
-        [item.probe.label for item in checked if item.answer["proceeds_after_end"] or item.steps >= STEP_LIMIT],
+        _PROCEED, labels(checked, lambda item: item.answer["proceeds_after_end"] or item.steps >= STEP_LIMIT)
     )
     for which in ("committed", "candidate"):
         yield from measure_getters(checked, which, _getter_rule)
-    yield count_wrong(_GETTERS, [item.probe.label for item in checked if not item.tells_its_ray()])
-    if boxes := [item for item in checked if item.answer["box_candidates"]]:
-        yield count_wrong(_OPAQUE_BOX, [item.probe.label for item in boxes if not item.tells_opaque_boxes()])
+    yield count_wrong(_GETTERS, labels(checked, lambda item: not item.tells_its_ray()))
+    boxes = [item for item in checked if item.answer["box_candidates"]]
+    if boxes:
+        yield count_wrong(_OPAQUE_BOX, labels(boxes, lambda item: not item.tells_opaque_boxes()))
+
+
+def measure_tables(checked: Sequence[CheckedProbe], rule_of: Callable[[Probe], Rule]) -> Iterator[Measurement]:
+    """Count the probes whose hits aren't those of the table, for each rule of the probes."""
+    by_rule: dict[Rule, list[CheckedProbe]] = {}
+    for item in checked:
+        by_rule.setdefault(rule_of(item.probe), []).append(item)
+    for rule, items in by_rule.items():
+        reasons = {item.probe.label: item.wrong() for item in items}
+        yield count_wrong(rule, [f"{label} ({reason})" for label, reason in reasons.items() if reason])
+
+
+def labels(checked: Iterable[CheckedProbe], is_wrong: Callable[[CheckedProbe], Any]) -> list[str]:
+    """The labels of the probes of which this is true."""
+    return [item.probe.label for item in checked if is_wrong(item)]
 
 
 def _getter_rule(name: str, which: str) -> Rule:
@@ -127,27 +141,35 @@ def measure_getters(
     checked: Iterable[Checked], which: str, rule_of: Callable[[str, str], Rule | None]
 ) -> Iterator[Measurement]:
     """Compare the members of committed hits or candidates (which), whose rules `rule_of` tells by their names."""
-    items = [item for item in checked if item.expected(which) is not None]
-    if not items:
+    items = [(item, item.expected(which)) for item in checked]
+    expecting = [(item, expected) for item, expected in items if expected is not None]
+    if not expecting:
         return
-    exact = [item for item in items if item.answer[which]["kind"] == item.expected(which).kind]  # type: ignore[union-attr]
-    bars = {"t": 2e-6, "barycentrics": 4e-6, "object_to_world": 1e-6, "world_to_object": 1e-5, "object_ray": 1e-6}
-    worst: dict[str, tuple[float, str]] = dict.fromkeys(bars, (0.0, ""))
-    wrong: dict[str, list[str]] = {name: [] for name in _DISCRETE}
-    for item in exact:
+    # Where the kind of hit is wrong, its members mean something else: the rules of the table count that.
+    exact = [item for item, expected in expecting if item.answer[which]["kind"] == expected.kind]
+    wrong = {name: [item.probe.label for item in exact if name in item.discrete(which)] for name in _DISCRETE}
+    for name, wrong_labels in wrong.items():
+        rule = rule_of(name, which)
+        if rule is not None:
+            yield count_wrong(rule, wrong_labels)
+    for name, (error, label) in _worst_errors(exact, which).items():
+        rule = rule_of(name, which)
+        if rule is not None:
+            yield Measurement(rule, error, _BARS[name], "relative error", label)
+
+
+def _worst_errors(checked: Iterable[Checked], which: str) -> dict[str, tuple[float, str]]:
+    """By floating-point member, the largest relative error, and the label of its probe."""
+    worst: dict[str, tuple[float, str]] = dict.fromkeys(_BARS, (0.0, ""))
+    for item in checked:
         for name, error in item.errors(which).items():
-            if not error <= worst[name][0]:
+            if not error <= worst[name][0]:  # also NaN is worse
                 worst[name] = (error, item.probe.label)
-        for name in item.discrete(which):
-            wrong[name].append(item.probe.label)
-    for name, labels in wrong.items():
-        if rule := rule_of(name, which):
-            yield count_wrong(rule, labels)
-    for name, (error, label) in worst.items():
-        if rule := rule_of(name, which):
-            yield Measurement(rule, error, bars[name], "relative error", label)
+    return worst
 
 
+# A few roundings of float32 (6e-8 each); the device inverts matrices, which magnifies them.
+_BARS = {"t": 2e-6, "barycentrics": 4e-6, "object_to_world": 1e-6, "world_to_object": 1e-5, "object_ray": 1e-6}
 _DISCRETE = (
     "instance_custom_data",
     "instance_index",
@@ -162,7 +184,9 @@ class Checked:
     """A probe with its ray, its answer, and the float64 matrices of its instance."""
 
     def __init__(self, probe: Probe, ray: np.void, answer: np.void) -> None:
-        self.probe, self.ray, self.answer = probe, ray, answer
+        self.probe = probe
+        self.ray = ray
+        self.answer = answer
         self.steps = int(answer["steps"])
         self.placed: Placement = INSTANCES[probe.on]
         matrix = self.placed.matrix
@@ -176,27 +200,28 @@ class Checked:
 
     def wrong(self) -> str:
         """What is wrong with the answer, in words; empty when nothing is."""
-        probe, answer = self.probe, self.answer
-        if self.steps == 0xFFFFFFFF:
+        if self.steps == 0xFFFFFFFF:  # what `run_rays` fills the answers with
             return "not run"
-        found = []
-        for which in ("committed", "candidate"):
-            expected, got = self.expected(which), answer[which]
-            if which == "committed" and expected is None and got["kind"]:
-                found.append(f"hit at t = {got['t']:g}")
-            if expected is None:
-                continue
-            if got["kind"] != expected.kind:
-                found.append(f"{which} kind {got['kind']}")
-                continue
-            found += [f"{which} {name}" for name in self.discrete(which)]
-            allowed = probe.among if expected.t is None else (expected.t,)
-            # Rounding of world-space rays moves t on a tiny instance, which `errors` allows for; so this bar is wide.
-            if allowed and not any(abs(got["t"] - t) <= 1e-3 * t for t in allowed):
-                found.append(f"{which} t = {got['t']:g}")
-        if probe.candidates is not None and self.steps != probe.candidates:
+        found = [*self._wrong_hit("committed"), *self._wrong_hit("candidate")]
+        if self.probe.candidates is not None and self.steps != self.probe.candidates:
             found.append(f"{self.steps} candidates")
         return ", ".join(found)
+
+    def _wrong_hit(self, which: str) -> list[str]:
+        """What is wrong with the committed hit or with the candidate."""
+        expected = self.expected(which)
+        got = self.answer[which]
+        if expected is None:
+            unexpected = which == "committed" and got["kind"]
+            return [f"hit at t = {got['t']:g}"] if unexpected else []
+        if got["kind"] != expected.kind:
+            return [f"{which} kind {got['kind']}"]
+        found = [f"{which} {name}" for name in self.discrete(which)]
+        allowed = self.probe.among if expected.t is None else (expected.t,)
+        # Rounding of world-space rays moves t on a tiny instance, which `errors` allows for; so this bar is wide.
+        if allowed and not any(abs(got["t"] - t) <= 1e-3 * t for t in allowed):
+            found.append(f"{which} t = {got['t']:g}")
+        return found
 
     def _primitive(self, which: str, got: np.void) -> int:
         expected = self.expected(which)
@@ -233,7 +258,7 @@ class Checked:
             ),
         }
         if expected.kind == TRIANGLE:
-            t, barycentrics = self._meet(expected.geometry, self._primitive(which, got))
+            t, barycentrics = self._intersect(expected.geometry, self._primitive(which, got))
             found["barycentrics"] = _error(got["barycentrics"], barycentrics, max(self._coarseness(), t))
             found["t"] = _error(got["t"], t, max(self._coarseness(), t))
         elif expected.kind != AABB and expected.t is not None:
@@ -244,7 +269,7 @@ class Checked:
         """The size of the largest numbers that cancel when a ray is moved to object space; their rounding moves it."""
         return float(np.abs(self.inverse).max() * np.abs(self.placed.matrix).max())
 
-    def _meet(self, geometry: int, primitive: int) -> tuple[float, NDArray[np.float64]]:
+    def _intersect(self, geometry: int, primitive: int) -> tuple[float, NDArray[np.float64]]:
         """t and barycentrics where the object-space ray meets the plane of the triangle."""
         part = SHAPES[self.placed.shape][geometry]
         assert isinstance(part, Triangles)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable, Iterator
+from typing import NamedTuple
 
 import numpy as np
 
@@ -27,7 +28,8 @@ _FOUR_BITS = Rule("sbtRecordOffset and sbtRecordStride have four bits", "SPV_KHR
 _MISS_RECORD = Rule("miss records: missIndex, which has 16 bits", VULKAN, _INDEXING)
 # The numbers of the shaders of each record. A wrong index finds another shader in two of three cases.
 _NUMBERS = np.random.default_rng(30).integers(1, 4, 96)
-_GEOMETRIES, _OFFSETS = 4, (0, 1, 13, 32)
+_GEOMETRIES = 4
+_OFFSETS = (0, 1, 13, 32)  # of the instances
 _MISSES = 8
 
 
@@ -35,13 +37,15 @@ def measure_records(shaders: ShaderRunner, damage: Damage | None = None) -> Iter
     """Trace rays at four geometries in each of four instances. `damage` changes the rays, to seed bugs."""
     parts = [Triangles(triangle(3 * i)[None]) for i in range(_GEOMETRIES)]
     placed = [Placement("row", translation(0, 5 * i), sbt_offset=offset) for i, offset in enumerate(_OFFSETS)]
-    choices = (0, 1, 2, 7, 15)
+    choices = (0, 1, 2, 7, 15)  # of four bits; 17 and 18 have a fifth one, which must be ignored
     cases = list(itertools.product(range(len(_OFFSETS)), range(_GEOMETRIES), (*choices, 17), (*choices, 18)))
     rays = np.zeros(len(cases) + 2 * _MISSES, shaders.element("conformance/records.rgen", "record_rays"))
     instance, geometry, offset, stride = np.array(cases).T
     rays["origin"][: len(cases)] = np.stack([3 * geometry + 0.5, 5 * instance + 0.5, np.ones(len(cases))], 1)
-    rays["offset"][: len(cases)], rays["stride"][: len(cases)] = offset, stride
-    rays["origin"][len(cases) :] = (-9, -9, 1)
+    rays["offset"][: len(cases)] = offset
+    rays["stride"][: len(cases)] = stride
+    rays["origin"][len(cases) :] = (-9, -9, 1)  # beside all geometries
+    # The second half of the misses has a bit beyond the 16 that count.
     misses = np.arange(2 * _MISSES) % _MISSES
     rays["miss"][len(cases) :] = misses + 0x10000 * (np.arange(2 * _MISSES) // _MISSES)
     wanted = _NUMBERS[np.array(_OFFSETS)[instance] + offset % 16 + geometry * (stride % 16)]
@@ -74,6 +78,7 @@ _LAUNCH = Rule(
 _INDIRECT = Rule(
     "vkCmdTraceRaysIndirectKHR launches as many invocations as the buffer says", VULKAN, "Ray Tracing Commands"
 )
+_SPARE = 64
 SIZES = ((1,), (1009,), (37, 5), (1, 300), (7, 5, 3), (1, 1, 64))
 
 
@@ -86,23 +91,31 @@ def measure_launches(shaders: ShaderRunner) -> Iterator[Measurement]:
         for size in SIZES:
             x, y, z = (*size, 1, 1)[:3]
             counts = np.array([0, 0, 0, x, y, z], np.uint32)  # the first three are for compute shaders
-            ways = {
+            steps = {
                 _LAUNCH: RayPass("conformance/launch", threads=size, misses=misses),
                 _INDIRECT: RayPass("conformance/launch", indirect="launch_counts", misses=misses),
             }
-            ids = np.stack(np.unravel_index(np.arange(x * y * z), (z, y, x))[::-1], 1)
-            for rule, step in ways.items():
+            for rule, step in steps.items():
                 # Elements after the last show whether there are too many invocations.
                 inputs = {"tlas": structures.tlas, "launch_counts": counts}
-                found = shaders.run_steps([step], inputs, {"launches": np.zeros(len(ids) + 64, dtype)})["launches"]
-                right = found["count"].tolist() == [1] * len(ids) + [0] * 64
-                for stage in ("generation", "miss"):
-                    told = found[stage][: len(ids)]
-                    right &= (told["id"] == ids).all() and (told["size"] == (x, y, z)).all()
-                if not right:
+                outputs = {"launches": np.zeros(x * y * z + _SPARE, dtype)}
+                if not _is_whole_launch(shaders.run_steps([step], inputs, outputs)["launches"], (x, y, z)):
                     wrong[rule].append("x".join(map(str, size)))
     for rule, sizes in wrong.items():
         yield count_wrong(rule, sizes)
+
+
+def _is_whole_launch(found: np.ndarray, size: tuple[int, int, int]) -> bool:
+    """Whether each invocation of a launch ran once, and its shaders were told its id and the size."""
+    x, y, z = size
+    ids = np.stack(np.unravel_index(np.arange(x * y * z), (z, y, x))[::-1], 1)
+    if found["count"].tolist() != [1] * len(ids) + [0] * _SPARE:
+        return False
+    for stage in ("generation", "miss"):
+        invocations = found[stage][: len(ids)]
+        if (invocations["id"] != ids).any() or (invocations["size"] != size).any():
+            return False
+    return True
 
 
 # ---- reported hits ----------------------------------------------------------------------------------
@@ -125,31 +138,50 @@ _KEPT = Rule(
     "hitAttributeEXT: the closest hit keeps its attributes when later reports are refused", GLSL, "hitAttributeEXT"
 )
 _IGNORED = 127  # report.glsl
-# By name: Tmin, Tmax, the reported t and their kinds, which of them are accepted (None: this depends on the order in
-# which the driver meets the boxes), and x of the ray: 0.5 meets a box that reports all, 2.5 three that report one each.
 Triple = tuple[int, int, int]
-_REPORTS: dict[str, tuple[float, float, Triple, Triple, Triple | None, float]] = {
-    "ever nearer": (0, 100, (9, 6, 3), (1, 2, 3), (1, 1, 1), 0.5),
-    "ever farther": (0, 100, (3, 6, 9), (1, 2, 3), (1, 0, 0), 0.5),
-    "nearest in the middle": (0, 100, (6, 3, 4), (0, 64, 1), (1, 1, 0), 0.5),
-    "before Tmin": (5, 100, (1, 2, 4), (1, 2, 3), (0, 0, 0), 0.5),
-    "one before Tmin": (5, 100, (4, 8, 7), (1, 2, 3), (0, 1, 1), 0.5),
-    "beyond Tmax": (0, 8, (9, 20, 1000), (1, 2, 3), (0, 0, 0), 0.5),
-    "one beyond Tmax": (0, 8, (9, 6, 7), (1, 126, 3), (0, 1, 0), 0.5),
-    "ignored": (0, 100, (3, 4, 5), (_IGNORED, _IGNORED, _IGNORED), (0, 0, 0), 0.5),
-    "nearest ignored": (0, 100, (3, 6, 5), (_IGNORED, 2, 3), (0, 1, 1), 0.5),
-    "ignored between": (0, 100, (6, 3, 5), (1, _IGNORED, 3), (1, 0, 1), 0.5),
+
+
+class _Reports(NamedTuple):
+    """Three reported hits of a ray, and what the device must make of them.
+
+    accepted: which hits are accepted; None where this depends on the order in which the driver meets the boxes. x: of
+    the ray: 0.5 meets a box whose shader reports all three hits, 2.5 meets three boxes that report one each.
+    """
+
+    t_min: float
+    t_max: float
+    ts: Triple
+    kinds: Triple
+    accepted: Triple | None
+    x: float
+
+
+_REPORTS = {
+    "ever nearer": _Reports(0, 100, (9, 6, 3), (1, 2, 3), (1, 1, 1), 0.5),
+    "ever farther": _Reports(0, 100, (3, 6, 9), (1, 2, 3), (1, 0, 0), 0.5),
+    "nearest in the middle": _Reports(0, 100, (6, 3, 4), (0, 64, 1), (1, 1, 0), 0.5),
+    "before Tmin": _Reports(5, 100, (1, 2, 4), (1, 2, 3), (0, 0, 0), 0.5),
+    "one before Tmin": _Reports(5, 100, (4, 8, 7), (1, 2, 3), (0, 1, 1), 0.5),
+    "beyond Tmax": _Reports(0, 8, (9, 20, 1000), (1, 2, 3), (0, 0, 0), 0.5),
+    "one beyond Tmax": _Reports(0, 8, (9, 6, 7), (1, 126, 3), (0, 1, 0), 0.5),
+    "ignored": _Reports(0, 100, (3, 4, 5), (_IGNORED, _IGNORED, _IGNORED), (0, 0, 0), 0.5),
+    "nearest ignored": _Reports(0, 100, (3, 6, 5), (_IGNORED, 2, 3), (0, 1, 1), 0.5),
+    "ignored between": _Reports(0, 100, (6, 3, 5), (1, _IGNORED, 3), (1, 0, 1), 0.5),
     # All behind the boxes, so that each box is met.
-    "of several boxes": (0, 100, (40, 60, 50), (1, 2, 3), None, 2.5),
-    "of several boxes, in another order": (0, 100, (60, 40, 50), (1, 2, 3), None, 2.5),
+    "of several boxes": _Reports(0, 100, (40, 60, 50), (1, 2, 3), None, 2.5),
+    "of several boxes, in another order": _Reports(0, 100, (60, 40, 50), (1, 2, 3), None, 2.5),
 }
 
 
 def measure_reports(shaders: ShaderRunner, damage: Damage | None = None) -> Iterator[Measurement]:
     """Report several hits of a box, and one hit of each of several boxes. `damage` changes the rays, to seed bugs."""
     rays = np.zeros(len(_REPORTS), shaders.element("conformance/report.rgen", "report_rays"))
-    for ray, (t_min, t_max, ts, kinds, _, x) in zip(rays, _REPORTS.values(), strict=True):
-        ray["origin"], ray["t_min"], ray["t_max"], ray["t"], ray["kind"] = (x, 0.5, 2), t_min, t_max, ts, kinds
+    for ray, reports in zip(rays, _REPORTS.values(), strict=True):
+        ray["origin"] = (reports.x, 0.5, 2)
+        ray["t_min"] = reports.t_min
+        ray["t_max"] = reports.t_max
+        ray["t"] = reports.ts
+        ray["kind"] = reports.kinds
     if damage is not None:
         damage(rays)
     files = (f"{_FOLDER}/report.{suffix}" for suffix in ("rchit", "rahit", "rint"))
@@ -165,23 +197,32 @@ def measure_reports(shaders: ShaderRunner, damage: Damage | None = None) -> Iter
         before = np.zeros(len(rays), shaders.element("conformance/report.rgen", "reported"))
         answers = shaders.run_steps([step], {"tlas": structures.tlas, "report_rays": rays}, {"reported": before})
     wrong: dict[Rule, list[str]] = {_ACCEPTED: [], _NEAREST: [], _ATTRIBUTES: [], _KEPT: []}
-    for (name, (t_min, t_max, ts, kinds, accepted, _)), got in zip(_REPORTS.items(), answers["reported"], strict=True):
-        reports = list(zip(ts, kinds, accepted or (1, 1, 1), strict=True))
-        t, kind = min(((t, kind) for t, kind, yes in reports if yes), default=(-1, 0))
-        if (got["t"], got["kind"]) != (t, kind):
-            wrong[_NEAREST].append(f"{name} (t = {got['t']:g}, kind {got['kind']})")
-        last = accepted is not None and (accepted[-1] or not any(accepted))
-        if t >= 0 and tuple(got["attributes"]) != (t, -t, kind, 0.25 * t + kind):
-            wrong[_ATTRIBUTES if last else _KEPT].append(name)
-        if accepted is None:
-            continue
-        if got["accepted"] != sum(yes << i for i, yes in enumerate(accepted)):
-            wrong[_ACCEPTED].append(name)
-        ignored = sum(kind == _IGNORED and t_min < t < t_max for t, kind, _ in reports)
-        if got["any_hits"] != sum(accepted) + ignored:
-            wrong[_ATTRIBUTES].append(f"{name}, any-hit shader")
+    for (name, reports), got in zip(_REPORTS.items(), answers["reported"], strict=True):
+        for rule, what in _wrong_reports(reports, got):
+            wrong[rule].append(name + what)
     for rule, names in wrong.items():
         yield count_wrong(rule, names)
+
+
+def _wrong_reports(reports: _Reports, got: np.void) -> Iterator[tuple[Rule, str]]:
+    """The rules that an answer to a ray breaks, each with what is wrong."""
+    accepted = reports.accepted
+    hits = list(zip(reports.ts, reports.kinds, accepted or (1, 1, 1), strict=True))
+    t, kind = min(((t, kind) for t, kind, is_accepted in hits if is_accepted), default=(-1, 0))
+    if (got["t"], got["kind"]) != (t, kind):
+        yield _NEAREST, f" (t = {got['t']:g}, kind {got['kind']})"
+    # After the nearest hit, a later report that is refused must leave its attributes as they are.
+    is_last = accepted is not None and (accepted[-1] or not any(accepted))
+    if t >= 0 and tuple(got["attributes"]) != (t, -t, kind, 0.25 * t + kind):  # report.glsl
+        yield (_ATTRIBUTES if is_last else _KEPT), ""
+    if accepted is None:
+        return
+    if got["accepted"] != sum(is_accepted << i for i, is_accepted in enumerate(accepted)):
+        yield _ACCEPTED, ""
+    # Any-hit shaders run for accepted hits and for those that they ignore themselves.
+    ignored = sum(kind == _IGNORED and reports.t_min < t < reports.t_max for t, kind, _ in hits)
+    if got["any_hits"] != sum(accepted) + ignored:
+        yield _ATTRIBUTES, ", any-hit shader"
 
 
 RECORD_RULES = (_HIT_RECORD, _FOUR_BITS, _MISS_RECORD)

@@ -9,7 +9,7 @@ import numpy as np
 from solari_vk.gpu.frame.frame import HitGroup, RayPass
 from solari_vk.gpu.frame.ray_query_constants import RayFlags
 from solari_vk.lab.conformance.probe_actions import TERMINATE
-from solari_vk.lab.conformance.probe_checks import Checked, measure_getters, probe_rays
+from solari_vk.lab.conformance.probe_checks import Checked, labels, measure_getters, measure_tables, probe_rays
 from solari_vk.lab.conformance.probe_table import PROBES
 from solari_vk.lab.conformance.probes import GENERATED, TRIANGLE, Expected, Probe
 from solari_vk.lab.conformance.rules import VULKAN, Measurement, Rule, count_wrong
@@ -19,7 +19,10 @@ from solari_vk.lab.structures import Structures
 GLSL = "GLSL_EXT_ray_tracing"
 CULLING = "rayTraversalPrimitiveCulling"
 """The feature that the flags for triangles and AABBs need."""
-_ENDED_NOWHERE, _ENDED_AT_HIT, _ENDED_AT_MISS = 1, 2, 3  # probe_rays.glsl
+# What the payload says of the shader that ended the ray, as probe_rays.glsl writes it.
+_ENDED_NOWHERE = 1
+_ENDED_AT_HIT = 2
+_ENDED_AT_MISS = 3
 _KINDS = {int(TRIANGLE): (0xFF, 0xFE), int(GENERATED): (77, 77)}  # gl_HitKindEXT of back and front faces
 _FOLDER = "passes/conformance/probe"
 _HITS = [
@@ -28,8 +31,11 @@ _HITS = [
 ]
 
 # What the rules of ray queries are for ray pipelines.
-_CULLING, _CONFIRMATION = "Ray Intersection Culling", "Ray Intersection Confirmation"
-_CLOSEST, _RESULT, _CANDIDATES = "Ray Closest Hit Determination", "Ray Result Determination", "Ray Traversal"
+_CULLING = "Ray Intersection Culling"
+_CONFIRMATION = "Ray Intersection Confirmation"
+_CLOSEST = "Ray Closest Hit Determination"
+_RESULT = "Ray Result Determination"
+_CANDIDATES = "Ray Traversal"
 _BUILT_INS = "Built-In Variables"
 _COUNTERPARTS = {
     "no flag": (
@@ -154,19 +160,18 @@ def measure_probes(
     inputs = {"tlas": structures.tlas, "probes": sent}
     answers = shaders.run_steps([step], inputs, {"ray_answers": before})["ray_answers"]
     checked = [_Traced(*item) for item in zip(probes, rays, answers, strict=True)]
-    by_rule: dict[Rule, list[_Traced]] = {}
-    for item in checked:
-        by_rule.setdefault(rule_of(item.probe), []).append(item)
-    for rule, items in by_rule.items():
-        yield count_wrong(rule, [f"{item.probe.label} ({why})" for item in items if (why := item.wrong())])
-    yield count_wrong(_ENDS, [item.probe.label for item in checked if not item.ends_once()])
+    yield from measure_tables(checked, rule_of)
+    yield count_wrong(_ENDS, labels(checked, lambda item: not item.ends_once()))
     for which in _STAGES:
         yield from measure_getters(checked, which, _member_rule)
-    yield count_wrong(_RAY, [item.probe.label for item in checked if item.shaded and not item.tells_its_ray()])
-    if hits := [item for item in checked if item.answer["committed"]["kind"]]:
-        yield count_wrong(_KIND, [item.probe.label for item in hits if not item.tells_its_kind()])
-    if boxes := [item for item in checked if item.answer["accepted"]]:
-        yield count_wrong(_OPAQUE_BOX, [item.probe.label for item in boxes if not item.runs_any_hits()])
+    yield count_wrong(_RAY, labels(checked, lambda item: item.shaded and not item.tells_its_ray()))
+    # A rule that no ray is a case of has no row, rather than one that holds.
+    hits = [item for item in checked if item.answer["committed"]["kind"]]
+    if hits:
+        yield count_wrong(_KIND, labels(hits, lambda item: not item.tells_its_kind()))
+    boxes = [item for item in checked if item.answer["accepted"]]
+    if boxes:
+        yield count_wrong(_OPAQUE_BOX, labels(boxes, lambda item: not item.runs_any_hits()))
 
 
 class _Traced(Checked):
@@ -187,11 +192,15 @@ class _Traced(Checked):
 
     def wrong(self) -> str:
         """What is wrong, in words; empty when nothing is."""
-        ended = _ENDED_NOWHERE if not self.shaded else _ENDED_AT_HIT if self.probe.committed else _ENDED_AT_MISS
         if self.answer["ended"] == 0:
             return "not run"
-        found = super().wrong()
-        return found or ("" if self.answer["ended"] == ended else f"payload {self.answer['ended']}")
+        payload = "" if self.answer["ended"] == self._expected_end() else f"payload {self.answer['ended']}"
+        return super().wrong() or payload
+
+    def _expected_end(self) -> int:
+        if not self.shaded:
+            return _ENDED_NOWHERE
+        return _ENDED_AT_HIT if self.probe.committed else _ENDED_AT_MISS
 
     def discrete(self, which: str) -> list[str]:
         """The names of integer members that are wrong, without the record offset."""
@@ -200,6 +209,7 @@ class _Traced(Checked):
     def ends_once(self) -> bool:
         """Whether one closest-hit or miss shader ran, and the ray generation shader has its payload."""
         counts = (int(self.answer["closest_hits"]), int(self.answer["misses"]))
+        # Any other counts are wrong: a second shader, or the same one twice.
         ran = {(0, 0): _ENDED_NOWHERE, (1, 0): _ENDED_AT_HIT, (0, 1): _ENDED_AT_MISS}.get(counts)
         return bool(ran == self.answer["ended"])
 

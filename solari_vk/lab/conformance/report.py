@@ -97,7 +97,8 @@ class Report:
             lines += ["", f"## {group}", "", *markdown_table(_COLUMNS, [self._cells(row) for row in members])]
         remarks = {"Failures": RED, "Known faults": (FAULT,), "Unsupported": (UNSUPPORTED,), "Not run": (NOT_RUN,)}
         for title, statuses in remarks.items():
-            if found := self._remarks(statuses):
+            found = self._remarks(statuses)
+            if found:
                 lines += ["", f"## {title}", "", *markdown_list(found)]
         return "\n".join(lines) + "\n"
 
@@ -130,16 +131,22 @@ class Report:
         for (group, case), found in cases.items():
             seconds = sum(value for check, value in self._spent.items() if check[:2] == (group, case))
             test = ElementTree.SubElement(suite, "testcase", classname=group, name=case, time=f"{seconds:.3f}")
-            properties = ElementTree.SubElement(test, "properties")
-            for outcome in found:
-                ElementTree.SubElement(properties, "property", name=outcome.rule.name, value=_figure(outcome))
-            if red := [row for row in rows(found) if row.status in RED]:
-                told = [f"{row.rule.name}: {row.note or _figure(row.worst)}" for row in red]
-                ElementTree.SubElement(test, "failure", message=told[0]).text = "\n".join(told)
-            elif all(o.measurement is None or o.status == FAULT for o in found):
-                notes = dict.fromkeys(row.note for row in rows(found))
-                ElementTree.SubElement(test, "skipped", message="; ".join(notes))
+            _fill_test_case(test, found)
         return ElementTree.tostring(suite, encoding="unicode", xml_declaration=True) + "\n"
+
+
+def _fill_test_case(test: ElementTree.Element, outcomes: Sequence[Outcome]) -> None:
+    """Add the outcomes of a case to its element of JUnit: as properties, and as a failure or a reason to skip it."""
+    properties = ElementTree.SubElement(test, "properties")
+    for outcome in outcomes:
+        ElementTree.SubElement(properties, "property", name=outcome.rule.name, value=_figure(outcome))
+    red = [row for row in rows(outcomes) if row.status in RED]
+    if red:
+        lines = [f"{row.rule.name}: {row.note or _figure(row.worst)}" for row in red]
+        ElementTree.SubElement(test, "failure", message=lines[0]).text = "\n".join(lines)
+    elif all(outcome.measurement is None or outcome.status == FAULT for outcome in outcomes):
+        notes = dict.fromkeys(row.note for row in rows(outcomes))
+        ElementTree.SubElement(test, "skipped", message="; ".join(notes))
 
 
 def _figure(outcome: Outcome) -> str:

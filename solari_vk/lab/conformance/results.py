@@ -80,7 +80,8 @@ class Results:
 
     def _end(self, seconds: float) -> None:
         self.seconds[self._current] = seconds
-        if made := self.outcomes[self._first :]:
+        made = self.outcomes[self._first :]
+        if made:
             worst = min((outcome.status for outcome in made), key=STATUSES.index)
             name = ": ".join(filter(None, self._current))
             print(f"{name}: {worst} ({len(made)} results, {seconds:.1f} s)", flush=True)

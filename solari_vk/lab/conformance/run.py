@@ -6,7 +6,7 @@ import importlib
 import signal
 import time
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from solari_vk.base.errors import SolariError
@@ -37,28 +37,24 @@ def run(
     Ctrl-C and SIGTERM end the run, but not the report. Raises SolariError for wrong arguments or variables,
     DeviceError when no device fits.
     """
-    table = importlib.import_module(work.table)
-    unknown = [name for name in only if name not in table.GROUPS]
-    if unknown:
-        raise SolariError(f"--only {unknown[0]}: there is no such group; there are {', '.join(table.GROUPS)}")
-    if time_limit is not None and not 0 < time_limit <= _LONGEST:
-        raise SolariError(f"--time-limit {time_limit:g}: must be more than 0 and at most {_LONGEST:,} seconds")
-    for file in (junit, markdown, html):
-        if file is not None:
-            check_writable(file)
-    started, results, interrupted = time.monotonic(), Results(table.GROUPS), False
+    groups = importlib.import_module(work.table).GROUPS
+    _check_arguments(groups, only, time_limit, (junit, markdown, html))
+    started = time.monotonic()
+    results = Results(groups)
     limit = None if in_process else time_limit or TIME_LIMIT * (10 if work.full else 1)
-    terminate = signal.signal(signal.SIGTERM, signal.default_int_handler)
+    # SIGTERM ends the run as Ctrl-C does, so that the report is written then too.
+    previous_handler = signal.signal(signal.SIGTERM, signal.default_int_handler)
+    interrupted = False
     try:
-        for group in only or table.GROUPS:
-            _run_group(work, [Check(group, case) for case in table.GROUPS[group]], results, limit)
+        for group in only or groups:
+            _run_group(work, [Check(group, case) for case in groups[group]], results, limit)
     except KeyboardInterrupt:
         interrupted = True
     finally:
-        signal.signal(signal.SIGTERM, terminate)
+        signal.signal(signal.SIGTERM, previous_handler)
     left_out = results.finish()
-    taken = time.monotonic() - started
-    report = Report(results.facts, results.outcomes, work.full, taken, results.seconds, left_out, interrupted)
+    seconds = time.monotonic() - started
+    report = Report(results.facts, results.outcomes, work.full, seconds, results.seconds, left_out, interrupted)
     print(f"\n{report.text()}")
     for path, text in ((junit, report.junit), (markdown, report.markdown), (html, report.html)):
         if path is not None:
@@ -67,26 +63,48 @@ def run(
     return int(interrupted or any(outcome.status in RED for outcome in results.outcomes))
 
 
+def _check_arguments(
+    groups: Mapping[str, object], only: Sequence[str], time_limit: float | None, files: Sequence[Path | None]
+) -> None:
+    unknown = [name for name in only if name not in groups]
+    if unknown:
+        raise SolariError(f"--only {unknown[0]}: there is no such group; there are {', '.join(groups)}")
+    if time_limit is not None and not 0 < time_limit <= _LONGEST:
+        raise SolariError(f"--time-limit {time_limit:g}: must be more than 0 and at most {_LONGEST:,} seconds")
+    for file in files:
+        if file is not None:
+            check_writable(file)
+
+
 def _run_group(work: Work, checks: list[Check], results: Results, limit: float | None) -> None:
     """Measure the checks of a group, in a new process after each that ends in a crash or hang or loses the device.
 
     Such a check is measured again by its parts, if it has any, each of which can end in the same way."""
-    table = importlib.import_module(work.table)
+    parts_of = importlib.import_module(work.table).parts
     parts_lost: Counter[str] = Counter()
     while checks:
-        if limit is None:
-            measure_checks(work, checks, results.take)
-        elif death := measure_in_child(work, checks, results.take, limit):
-            results.died(death)
+        _measure_apart(work, checks, results, limit)
         left = [check for check in checks if check not in results.seconds]
         if len(left) == len(checks):
             return  # no device could be opened
         for check in set(checks) & set(results.broken):
             if not check.part:
-                left = [Check(check.group, check.case, part) for part in table.parts(check)] + left
+                # What stops the driver is one of the parts: each is measured by itself.
+                left = [Check(check.group, check.case, part) for part in parts_of(check)] + left
                 continue
             parts_lost[check.case] += 1
             if parts_lost[check.case] >= _MOST_PARTS:
+                # Each lost part costs a process, or a whole time limit: the rest of the case would end so too.
                 results.left_out += [other for other in left if other.part and other.case == check.case]
                 left = [other for other in left if other not in results.left_out]
         checks = left
+
+
+def _measure_apart(work: Work, checks: Sequence[Check], results: Results, limit: float | None) -> None:
+    """Measure checks up to one that ends the process: in a child, or in this process without a limit."""
+    if limit is None:
+        measure_checks(work, checks, results.take)
+        return
+    death = measure_in_child(work, checks, results.take, limit)
+    if death is not None:
+        results.died(death)

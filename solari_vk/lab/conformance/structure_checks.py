@@ -28,7 +28,9 @@ from solari_vk.lab.structures import (
     translation,
 )
 
-_API, _COMPACTION, _STRUCTURES = "wgpu's raytracing API", "Blas compaction", "Acceleration Structures"
+_API = "wgpu's raytracing API"
+_COMPACTION = "Blas compaction"
+_STRUCTURES = "Acceleration Structures"
 _INACTIVE = "Inactive Primitives and Instances"
 _DOWN = np.array((0.0, 0.0, -1.0))
 _FLAT = np.array([[(0, 0, 0), (2, 0, 0), (0, 2, 0)]], np.float64)
@@ -82,7 +84,9 @@ def measure_build_modes(shaders: ShaderRunner, damage: Damage | None = None) -> 
         rule = Rule(f"hits equal those of a fresh structure: {mode}", *source)
         yield Measurement(rule, float(wrong.sum()), unit=f"of {len(right):,}")
     rule = Rule("a compacted Blas is not larger than before", WGPU, _COMPACTION)
+    # The bar is 1, since a driver may have nothing to compact.
     yield Measurement(rule, max(after / before for before, after in sizes.values()), 1.0, "of the size before")
+    # Rays that all hit, or all miss, would agree whatever the structures are.
     hit_share = float((right["t"] >= 0).mean())
     assert 0.1 < hit_share < 1, f"the heap must be hit, and missed, not {hit_share:.2f}"
 
@@ -147,10 +151,10 @@ def measure_nothing(shaders: ShaderRunner) -> Iterator[Measurement]:
     }
     random = np.random.default_rng(22)
     origins = np.stack([*random.uniform(0.05, 0.9, (2, 64)), np.ones(64)], axis=1)
-    worlds: dict[str, list[Placement]] = {name: [Placement(name)] for name in shapes}
-    worlds |= {"no instances": [], "inactive": [Placement("one", active=False)], "mask 0": [Placement("one", mask=0)]}
+    cases: dict[str, list[Placement]] = {name: [Placement(name)] for name in shapes}
+    cases |= {"no instances": [], "inactive": [Placement("one", active=False)], "mask 0": [Placement("one", mask=0)]}
     wrong = []
-    for name, placed in worlds.items():
+    for name, placed in cases.items():
         used = {item.shape: shapes[item.shape] for item in placed}
         hits = build_and_trace(shaders, used, placed, origins, _DOWN)
         if ((hits["t"] >= 0) != (name == "one")).any():
@@ -237,6 +241,7 @@ def measure_large_tlas(shaders: ShaderRunner, count: int, damage: Damage | None 
     """More instances than 16 bits can number, with a ray at each."""
     side = int(np.ceil(np.sqrt(count)))
     places = np.stack(np.unravel_index(np.arange(count), (side, side)), 1) * 3.0
+    # Drivers build large structures faster, and trace them faster, where neighbors in the list are neighbors in space.
     places = places[spatial_order(np.pad(places, ((0, 0), (0, 1))))]
     placed = [Placement("one", translation(x, y), custom=i & 0xFFFFFF) for i, (x, y) in enumerate(places)]
     origins = np.concatenate([places + 0.5, np.ones((count, 1))], axis=1)

@@ -27,14 +27,17 @@ _measured: dict[Check, list[Outcome]] = {}
 def test_check(worker_of: Callable[[str], Worker], check: Check) -> None:
     """Measure one check, unless it is known that the driver doesn't survive it."""
     worker = worker_of(check.group)
-    if fault := find_end(worker.faults, check):
+    fault = find_end(worker.faults, check)
+    if fault:
         _measured[check] = [Outcome(check.group, check.rule, FAULT, check.case)]
         pytest.xfail(f"not run: ends by {fault.ends}. {fault.evidence}")
     outcomes = _measured.setdefault(check, [])
     worker.measure(check, outcomes.append)
-    if red := [outcome for outcome in outcomes if outcome.status in RED]:
+    red = [outcome for outcome in outcomes if outcome.status in RED]
+    if red:
         pytest.fail(_list(red), pytrace=False)
-    if known := [outcome for outcome in outcomes if outcome.status == FAULT]:
+    known = [outcome for outcome in outcomes if outcome.status == FAULT]
+    if known:
         pytest.xfail(_list(known))
     if all(outcome.measurement is None for outcome in outcomes):
         pytest.skip(_list(outcomes))
