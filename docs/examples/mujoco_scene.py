@@ -9,13 +9,9 @@ import solari_vk as sv
 
 MODEL = f"{__file__.removesuffix('.py')}.xml"
 UP = np.array([(1.0, 0, 0, 0), (0, 0, 1, 0), (0, -1, 0, 0), (0, 0, 0, 1)])  # MuJoCo's z axis is up, ours is y
-SHAPES = {
-    "PLANE": lambda x, z, _: sv.shapes.plane(2 * x, 2 * z),
-    "SPHERE": lambda r, *_: sv.shapes.sphere(r),
-    "CAPSULE": lambda r, y, _: sv.shapes.capsule(r, 2 * y),
-    "CYLINDER": lambda r, y, _: sv.shapes.cylinder(r, 2 * y),
-    "BOX": lambda x, z, y: sv.shapes.box((-x, -y, -z), (x, y, z)),
-}
+SHAPES = {"PLANE": lambda x, z, _: sv.shapes.plane(2 * x, 2 * z), "SPHERE": lambda r, *_: sv.shapes.sphere(r),
+          "CAPSULE": lambda r, y, _: sv.shapes.capsule(r, 2 * y), "CYLINDER": lambda r, y, _:
+          sv.shapes.cylinder(r, 2 * y), "BOX": lambda x, z, y: sv.shapes.box((-x, -y, -z), (x, y, z))}  # fmt: skip
 
 
 def poses(data, kind):

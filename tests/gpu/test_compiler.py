@@ -118,7 +118,10 @@ def test_calls_of_pyshaderc_include_libraries_and_generated_headers(shaders, mad
 
 
 def test_a_header_that_no_module_makes_is_an_error_with_file_and_line(shaders, made):
-    for name, words in (("nothing/here", "no module solari_vk.nothing.here"), ("errors", "no function glsl_header")):
+    for name, words in (
+        ("nothing/here", "no module solari_vk.nothing.here"),
+        ("base/errors", "no function glsl_header"),
+    ):
         shaders.write("user", f'\n\n#include "generated/{name}.glsl"\nvoid main() {{}}\n')
         with pytest.raises(CompilationError, match=rf"passes/user\.comp:5: error: .*{words}"):
             compile_shader("passes/user.comp", root=shaders.root)
