@@ -140,8 +140,8 @@ TRACE = GLSL / "scene" / "trace.glsl"
 ENTRY_POINTS = [path for path in SHADERS if path.suffix in STAGES]
 SUITE = GLSL / "passes" / "conformance"
 LAYOUT = GLSL / "passes" / "layout.comp"  # declares what others bind
-GIVEN = ("transforms", "cameras", "views", "views_ball", "vertices", "bounds", "texels", "smaller_level", "materials")
-KERNELS = {"scene/deform.comp", *(f"scene/given/{name}.comp" for name in GIVEN)}
+TENSORS = ("transforms", "cameras", "views", "views_ball", "vertices", "bounds", "texels", "smaller_level", "materials")
+KERNELS = {"scene/deform.comp", *(f"scene/tensors/{name}.comp" for name in TENSORS)}
 """Run outside of frames, and write by address: gpu/frame/kernel.py."""
 
 

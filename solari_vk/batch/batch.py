@@ -31,7 +31,6 @@ from solari_vk.batch.world_objects import WorldLights, WorldMaterials, WorldTran
 from solari_vk.batch.worlds import Worlds
 from solari_vk.bound.binder import SceneBinder
 from solari_vk.bound.features import LENSES
-from solari_vk.bound.given_numbers import GivenNumbers
 from solari_vk.bound.triangle_orders import TriangleOrders
 from solari_vk.gpu.acceleration.checks import whole_number
 from solari_vk.gpu.device.device import Device
@@ -105,9 +104,6 @@ class Batch(BatchResults):
             count = checked_worlds(device, worlds if scenes is None else len(scenes), self.views, renderer)
             self._worlds = Worlds(device, self.binder, count) if scenes is None else SceneWorlds(device, binder)
             self._owned.callback(self._worlds.destroy)
-            self._given: list[GivenNumbers] = [*self.binder.assets.given]
-            if isinstance(self._worlds, Worlds):
-                self._given.append(self._worlds.given_poses)
             self._worlds.update()
             self._bindings = WorldBindings(self._worlds)  # of the frame of labels
             self._capacity = self._worlds.rows
@@ -116,11 +112,9 @@ class Batch(BatchResults):
                     device, self.binder, self.size, self.views, self._layout, self._worlds, options
                 )
                 self._owned.callback(self._realtime.close)
-                self._given.append(self._realtime.views.given_poses)
             if names or renderer == "reference":
-                self._table = ViewTable(device, self._layout, self.views)
+                self._table = ViewTable(device, self.binder.tensors, self._layout, self.views)
                 self._owned.callback(self._table.destroy)
-                self._given.append(self._table.given_poses)
             if renderer == "reference":
                 self._paths = BatchPathTracer(
                     device, self.binder, self._strip, self._table.buffer, self._worlds, options
@@ -192,10 +186,10 @@ class Batch(BatchResults):
         rendered then.
         """
         self._check_open()
-        self._check_tensors()
+        self.binder.tensors.check()
         samples, begins_anew = self._checked_samples(samples), checked_flag(reset_cache, "reset_cache")
         options = {"fov": fov, "vertical_fov": vertical_fov, "K": K, "near": near, "ev100": ev100}
-        written = self._read(poses_of(self.device, cameras, "Batch.render", (self.views, 4, 4)), options)
+        written = self._read(poses_of(self.binder.tensors, cameras, "Batch.render", (self.views, 4, 4)), options)
         self._render(written, samples, self._checked_seeds(seeds), checked_mask(reset, self.views), begins_anew)
         return self
 
@@ -258,13 +252,13 @@ class Batch(BatchResults):
         They take memory for each frame. Raises SolariError as `render`; nothing is rendered then.
         """
         self._check_open()
-        self._check_tensors()
+        self.binder.tensors.check()
         frames = whole_number(frames, f"{MANY}: frames", 1)
         names = checked_results(self._names if outputs is None else outputs, self._names, MANY, "result")
         samples, begins_anew = self._checked_samples(samples), checked_flag(reset_cache, "reset_cache")
         moves = moves_of(frames, self._worlds, transforms)
         options = {"fov": fov, "vertical_fov": vertical_fov, "K": K, "near": near, "ev100": ev100}
-        shown = cameras_of(frames, self.views, cameras, self.device)
+        shown = cameras_of(frames, self.views, cameras, self.binder.tensors)
         written = [self._read(of_frame, options) for of_frame in shown]
         numbers = [self._checked_seeds(given) for given in seeds_of(frames, self.views, seeds)]
         cuts = cuts_of(frames, self.views, reset)
@@ -281,9 +275,9 @@ class Batch(BatchResults):
                 results = {name: self._result(name) for name in names}
                 if index == 0 and (self._many is None or not self._many.holds(results, frames)):
                     self._close_many()
-                    self._many = ManyFrames(self.device, results, frames, self._given)
+                    self._many = ManyFrames(self.device, results, frames, self.binder.tensors)
                 assert self._many is not None
-                self._many.take(index, results)
+                self._many.copy_results(index, results)
         assert self._many is not None
         return self._many
 

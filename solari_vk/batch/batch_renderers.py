@@ -111,7 +111,9 @@ class BatchRenderer(Renderer):
         self._blended_before = np.zeros(1, np.int64)
         owned: list[ViewTable | Buffer] = []
         try:
-            self.views = ViewTable(device, layout, count, self._grid[0], world_cache.parts(worlds.count))
+            self.views = ViewTable(
+                device, binder.tensors, layout, count, self._grid[0], world_cache.parts(worlds.count)
+            )
             owned.append(self.views)
             self._changes = WorldChanges(device, worlds.count)
             owned.append(self._changes.buffer)

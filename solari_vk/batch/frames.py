@@ -14,15 +14,14 @@ from solari_vk.base.host_array import host_array
 from solari_vk.batch import view_cameras
 from solari_vk.batch.scene_worlds import SceneWorlds
 from solari_vk.batch.worlds import Worlds
-from solari_vk.bound.given_numbers import GivenNumbers
-from solari_vk.bound.given_poses import taken
 from solari_vk.gpu.device import raw
 from solari_vk.gpu.device.barriers import full_barrier
 from solari_vk.gpu.device.buffer import Buffer
-from solari_vk.gpu.device.cuda_input import Taken
-from solari_vk.gpu.device.cuda_tensor import CudaTensor
 from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.device.image import Image
+from solari_vk.gpu.tensors.exports import CudaTensor
+from solari_vk.gpu.tensors.imports import DeviceTensor
+from solari_vk.gpu.tensors.port import TensorPort
 from solari_vk.renderers.scene_frame import SceneFrame
 from solari_vk.scene.model import Camera, Instance
 
@@ -63,10 +62,11 @@ class ManyFrames(Mapping[str, NDArray[Any]]):
     _tensors = 0  # that somebody has
     _closed = False
 
-    def __init__(
-        self, device: Device, results: Mapping[str, Result], frames: int, given: Sequence[GivenNumbers]
-    ) -> None:
-        self._device, self._results, self._frames, self._given = device, dict(results), frames, given
+    def __init__(self, device: Device, results: Mapping[str, Result], frames: int, port: TensorPort) -> None:
+        self._device = device
+        self._results = dict(results)
+        self._frames = frames
+        self._port = port
         self._buffers: dict[str, Buffer] = {}
         with device.undone_on_error():
             for name, result in results.items():
@@ -77,7 +77,7 @@ class ManyFrames(Mapping[str, NDArray[Any]]):
         sizes = [(name, frames * result.size) for name, result in results.items()]
         return sizes == [(name, buffer.size) for name, buffer in self._buffers.items()]
 
-    def take(self, index: int, results: Mapping[str, Result]) -> None:
+    def copy_results(self, index: int, results: Mapping[str, Result]) -> None:
         """Have the device copy what the latest frame shows, which is number `index`."""
         self._results = dict(results)
 
@@ -99,8 +99,7 @@ class ManyFrames(Mapping[str, NDArray[Any]]):
     def __getitem__(self, name: str) -> NDArray[Any]:
         result, buffer = self._of(name)
         values = buffer.read(result.dtype, self._frames * result.values).reshape(self._frames, result.values)
-        for given in self._given:
-            given.check()
+        self._port.check()
         return np.stack([result.shaped(one) for one in values])
 
     def tensor(self, name: str) -> NDArray[Any] | CudaTensor:
@@ -113,7 +112,7 @@ class ManyFrames(Mapping[str, NDArray[Any]]):
             self._device.sync_host()
             memory = buffer.view(result.dtype, count)
             self._tensors += 1
-            self._device.lent.lend(memory, self._release_tensor)
+            self._device.loans.lend(memory, self._release_tensor)
             first = result.shaped(memory[: result.values])
             shown: NDArray[Any] = memory.view(first.dtype).reshape(self._frames, *first.shape)
             return shown
@@ -121,7 +120,7 @@ class ManyFrames(Mapping[str, NDArray[Any]]):
             return self[name]
         shape = result.shaped(np.empty(result.values, result.dtype)).shape
         copy = partial(buffer.record_copy, size=buffer.size)
-        return self._device.cuda_for(name).copy(copy, (self._frames, *shape), result.dtype)
+        return self._device.cuda_for(name).export(copy, (self._frames, *shape), result.dtype)
 
     def __iter__(self) -> Iterator[str]:
         return iter(self._buffers)
@@ -143,14 +142,14 @@ class ManyFrames(Mapping[str, NDArray[Any]]):
             self.close()
 
 
-def poses_of(device: Device, cameras: Any, where: str, *shapes: tuple[int, ...]) -> Any:
+def poses_of(port: TensorPort, cameras: Any, where: str, *shapes: tuple[int, ...]) -> Any:
     """Cameras, those of a tensor of the device in its memory."""
-    return taken(device, cameras, "cameras", *shapes, where=where) or cameras
+    return port.accept_shaped(cameras, "cameras", *shapes, where=where) or cameras
 
 
-def cameras_of(frames: int, views: int, cameras: Any, device: Device) -> Sequence[Any]:
+def cameras_of(frames: int, views: int, cameras: Any, port: TensorPort) -> Sequence[Any]:
     """The cameras of each frame: those of all, or for each its own."""
-    cameras = poses_of(device, cameras, WHERE, (views, 4, 4), (frames, views, 4, 4))
+    cameras = poses_of(port, cameras, WHERE, (views, 4, 4), (frames, views, 4, 4))
     if isinstance(cameras, (list, tuple)) and cameras and isinstance(cameras[0], (Camera, list, tuple)):
         lists = [one for one in cameras if isinstance(one, (list, tuple)) and one and isinstance(one[0], Camera)]
         if isinstance(cameras[0], Camera):
@@ -159,7 +158,7 @@ def cameras_of(frames: int, views: int, cameras: Any, device: Device) -> Sequenc
             if len(lists) != len(cameras) or len(cameras) != frames:
                 raise SolariError(f"{WHERE}: give {frames} lists of cameras, one for each frame, not {len(lists)}")
             return lists
-    if isinstance(cameras, Taken):
+    if isinstance(cameras, DeviceTensor):
         return [cameras if len(cameras.shape) == 3 else cameras.at(index) for index in range(frames)]
     shape = views, 4, 4
     poses = view_cameras.array(cameras, "cameras", shape, (frames, *shape), where=WHERE)
@@ -173,7 +172,7 @@ def moves_of(frames: int, worlds: Worlds | SceneWorlds, transforms: Any) -> list
     moves: list[list[tuple[Instance, Any]]] = [[] for _ in range(frames)]
     for key, values in (transforms or {}).items():
         own, what, shape = worlds.transforms, f"transforms of {key}", (frames, worlds.count, 4, 4)
-        tensor = own.taken(values, what, shape, where=WHERE)
+        tensor = own.accept_tensor(values, what, shape, where=WHERE)
         parts = (
             [tensor.at(index) for index in range(frames)]
             if tensor is not None

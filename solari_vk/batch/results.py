@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import ExitStack
 from functools import partial
 from typing import Any, Self
@@ -16,11 +16,10 @@ from solari_vk.batch.batch_renderers import BatchPathTracer, BatchRenderer
 from solari_vk.batch.frames import ManyFrames, Result
 from solari_vk.batch.options import LIGHT
 from solari_vk.bound.binder import SceneBinder
-from solari_vk.bound.given_numbers import GivenNumbers
 from solari_vk.gpu.device.buffer import Buffer
-from solari_vk.gpu.device.cuda_tensor import CudaTensor
 from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.device.image import Image
+from solari_vk.gpu.tensors.exports import CudaTensor
 from solari_vk.renderers.scene_frame import SceneFrame, bind_scene
 from solari_vk.scene.model import Material, Scene
 
@@ -33,7 +32,6 @@ class BatchResults(Hints):
     _names: tuple[str, ...] = ()
     _rendered = _closed = False
     _tensors = 0  # that somebody has
-    _given: Sequence[GivenNumbers] = ()
     _many: ManyFrames | None = None
     _labels: SceneFrame | None = None
     _paths: BatchPathTracer | None = None
@@ -62,14 +60,9 @@ class BatchResults(Hints):
             values = buffer.read()
         else:
             values = buffer.read(result.dtype, result.values, result.frame.binding(result.resource).element_offset)
-        self._check_tensors()
+        self.binder.tensors.check()
         read: NDArray[Any] = result.shaped(values)
         return read
-
-    def _check_tensors(self) -> None:
-        """Raise SolariError for what the device found wrong in tensors that were given."""
-        for given in self._given:
-            given.check()
 
     def _result(self, name: str) -> Result:
         frame, resource = self._place(name)
@@ -115,7 +108,7 @@ class BatchResults(Hints):
 
     def _lend(self, memory: NDArray[Any]) -> None:
         self._tensors += 1
-        self.device.lent.lend(memory, self._release_tensor)
+        self.device.loans.lend(memory, self._release_tensor)
 
     def _release_tensor(self) -> None:
         """A tensor, and all that was made of it, is gone."""

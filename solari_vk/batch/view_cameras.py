@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 
 from solari_vk.base.errors import SolariError, quoted
 from solari_vk.bound.projection import FIELDS, Projection
-from solari_vk.gpu.device.cuda_input import Taken
 from solari_vk.gpu.frame.packing import packing
+from solari_vk.gpu.tensors.imports import DeviceTensor
 from solari_vk.scene import checks
 from solari_vk.scene.camera import exposure_of
 from solari_vk.scene.lens import UNLIMITED
@@ -47,7 +47,7 @@ class Written(NamedTuple):
     """(N, 2): from the principal point to the middle of the picture, in its pixels."""
     exposure: Floats
     """(N,)"""
-    poses: Taken | NDArray[np.float32]
+    poses: DeviceTensor | NDArray[np.float32]
     """Their world_from_view and view_from_world, (POSE_NUMBERS, N), or poses in a tensor of the device, of which a
     shader makes these."""
 
@@ -112,7 +112,7 @@ def _each(function: Callable[[float], float], numbers: Floats) -> Floats:
 
 def camera_matrices(axes: Floats, origins: Floats, crossed: Floats, volume: Floats) -> NDArray[np.float32]:
     """world_from_view and view_from_world (POSE_NUMBERS, N) of poses, of which `check_transforms` returned the rest;
-    glsl/scene/given/cameras.comp does the same."""
+    glsl/scene/tensors/cameras.comp does the same."""
     made = np.empty((8, 3, len(volume)), np.float32)
     made[:3], made[3] = axes.swapaxes(0, 1), origins
     crossed /= volume  # a row of the inverse has the cross product of the other two axes
@@ -209,8 +209,8 @@ class Cameras:
             if given:
                 raise SolariError(f"Batch.render: Camera objects have their own {', '.join(given)}: leave it out")
             return write_cameras(np.zeros(self._count, self._dtype), found, self._size)
-        poses: Taken | NDArray[np.float32]
-        if isinstance(cameras, Taken):
+        poses: DeviceTensor | NDArray[np.float32]
+        if isinstance(cameras, DeviceTensor):
             poses = cameras
         else:
             poses = camera_matrices(*check_transforms(array(cameras, "cameras", (self._count, 4, 4))))

@@ -1,7 +1,7 @@
 """The records of a batch's views for shaders with MANY_VIEWS: struct View of glsl/scene/camera_records.glsl.
 
-They are in the device's memory alone. Just before each frame glsl/scene/given/views.comp makes the next ones from three
-things: what the host uploads for each frame, what it uploads only when that changes, and the records of the frame
+They are in the device's memory alone. Just before each frame glsl/scene/tensors/views.comp makes the next ones from
+three things: what the host uploads for each frame, what it uploads only when that changes, and the records of the frame
 before, whose cameras become the previous ones.
 """
 
@@ -15,18 +15,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solari_vk.batch.view_cameras import POSE_NUMBERS, Written
-from solari_vk.bound.given_poses import GivenPoses
 from solari_vk.bound.projection import SEED_STRIDE, lens_point
 from solari_vk.gpu.device import raw
 from solari_vk.gpu.device.barriers import full_barrier
 from solari_vk.gpu.device.buffer import Buffer
-from solari_vk.gpu.device.cuda_input import Taken
 from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.device.mirror import Mirror
 from solari_vk.gpu.frame.kernel import Kernel
 from solari_vk.gpu.shaders.spirv import Binding
+from solari_vk.gpu.tensors.imports import DeviceTensor
+from solari_vk.gpu.tensors.port import POSE_RULE, Dispatch, TensorPort, rule
 
-# What all views share: the fields of FrameOfViews in glsl/scene/given/view_records.glsl before its rows.
+# What all views share: the fields of FrameOfViews in glsl/scene/tensors/view_records.glsl before its rows.
 SHARED = np.dtype(
     [("columns", "u4"), ("world_parts", "u4"), ("has_own_lights", "u4"), ("index", "u4"), ("poses", "u8")]
 )
@@ -38,18 +38,20 @@ class ViewTable:
     """The records of a batch's views on the device, for one of its frames. columns: of the grid of their pictures.
     world_parts: of the world cache, which wants the ball around the cameras; 0 without one."""
 
-    def __init__(self, device: Device, layout: Binding, count: int, columns: int = 1, world_parts: int = 0) -> None:
+    def __init__(
+        self, device: Device, port: TensorPort, layout: Binding, count: int, columns: int = 1, world_parts: int = 0
+    ) -> None:
         assert layout.element is not None
         self._device, self._count, self._begin = device, count, layout.element_offset
         self._first, self._written = True, False
         self._seen: tuple[tuple[Any, ...], tuple[Any, ...]] = (), ()  # what the records were made from
-        self.given_poses = GivenPoses(device, "Batch.render", "view")
+        self._port = port
         self._poses: Buffer | None = None  # of tensors, as rows
         fields = layout.element.fields
         assert fields is not None
-        given = [("camera", fields["current"][0]), ("frame", fields["frame"][0]), *_WORLD]
-        self.records = np.zeros(count, given)
-        """GivenView of view_records.glsl (N,): what changes seldom. Write to it where `must_write`."""
+        inputs = [("camera", fields["current"][0]), ("frame", fields["frame"][0]), *_WORLD]
+        self.records = np.zeros(count, inputs)
+        """ViewInput of view_records.glsl (N,): what changes seldom. Write to it where `must_write`."""
         self._cameras: NDArray[Any] | None = None  # that were written
         # Their memory, in which numpy copies them ten times as fast as by their fields.
         self._bytes = self.records.view(np.uint8).reshape(count, -1)[:, : fields["current"][0].itemsize]
@@ -64,10 +66,10 @@ class ViewTable:
         with device.undone_on_error():
             self.buffer = device.buffer(self._begin + count * layout.element.itemsize, "views")
             self.buffer.fill()
-            self._steps = [(Kernel(device, "scene/given/views.comp"), count)]
+            self._steps = [(Kernel(device, "scene/tensors/views.comp"), count)]
             if world_parts:
-                self._steps.append((Kernel(device, "scene/given/views_ball.comp"), 1))
-            self._given = Mirror(device, self.records.view(np.uint8), "rare changes of views")
+                self._steps.append((Kernel(device, "scene/tensors/views_ball.comp"), 1))
+            self._inputs = Mirror(device, self.records.view(np.uint8), "rare changes of views")
             self._frame = Mirror(device, memory, "frame of views", self._record)
 
     def _record(self, commands: raw.CData) -> None:
@@ -78,7 +80,7 @@ class ViewTable:
                 (threads, 1),
                 block=block,
                 views=block + self._begin,
-                given=self._given.buffer.address,
+                inputs=self._inputs.buffer.address,
                 frame=self._frame.buffer.address,
                 count=self._count,
             )
@@ -107,24 +109,33 @@ class ViewTable:
         """Have the next submission make the records of a frame with this index. Those so far become the previous
         cameras, but for views that are cut, (N,) or one for all."""
         poses, address = cameras.poses, self._frame.buffer.address + SHARED.itemsize
-        if isinstance(poses, Taken):
+        if isinstance(poses, DeviceTensor):
             if self._poses is None:
                 self._poses = self._device.buffer(4 * POSE_NUMBERS * self._count, "poses of tensors")
             address = self._poses.address
-            self.given_poses.write_cameras(poses, "the pose", self._count, address)
+            self._write_tensor(poses, address)
         else:
             self._rows[:] = poses
         self._cut[:] = True if self._first else cut
         self.shared["index"], self.shared["poses"] = index, address
         if self._written:
-            self._given.upload()
+            self._inputs.upload()
         self._frame.upload()
         self._first = self._written = False
 
+    def _write_tensor(self, poses: DeviceTensor, rows: int) -> None:
+        """Have the 24 numbers of the matrices of each camera written, each as a row for all cameras, at an address."""
+        subject = "Batch.render: the pose"
+        pushed = {
+            **self._port.matrices(poses, self._count),
+            **self._port.refusal(subject, rule(subject, "view", POSE_RULE)),
+            "first": rows,
+        }
+        self._port.write([Dispatch("cameras", (self._count, 1), pushed)], "poses", with_next=True)
+
     def destroy(self) -> None:
         """Free everything."""
-        self.given_poses.destroy()
-        for owned in (self._frame, self._given, *(kernel for kernel, _ in self._steps), self.buffer, self._poses):
+        for owned in (self._frame, self._inputs, *(kernel for kernel, _ in self._steps), self.buffer, self._poses):
             if owned is not None:
                 owned.destroy()
 

@@ -18,8 +18,8 @@ from solari_vk.batch.light_tables import LightTables, Listed
 from solari_vk.batch.world_changes import Known
 from solari_vk.batch.world_objects import WorldLights, WorldMaterials, WorldTransforms
 from solari_vk.bound.binder import SceneBinder
+from solari_vk.bound.lights.light_data import LightData, data_of
 from solari_vk.bound.lights.light_list import LightList
-from solari_vk.bound.lights.own_buffers import OwnBuffers, own_data
 from solari_vk.gpu.device.device import Device
 from solari_vk.scene.lights.portal import Portal
 from solari_vk.scene.model import Instance, Light, Material
@@ -35,7 +35,7 @@ class LightsOfWorlds(LightTables):
     def __init__(self, device: Device, binder: SceneBinder, worlds: int) -> None:
         super().__init__(device, binder.lights, worlds)
         self._binder = binder
-        self._own = OwnBuffers(device, self._layout["light_leaves"]["by_power"])
+        self._data = LightData(device, self._layout["light_leaves"]["by_power"])
         self._ids = weakref.WeakKeyDictionary[Instance | Light, tuple[int, Any]]()
         self._last_id = FIRST_ID
 
@@ -92,7 +92,7 @@ class LightsOfWorlds(LightTables):
         return True
 
     def _make(self, own: Sequence[Light | None], lit: Sequence[Lamp]) -> Listed:
-        binder, made = self._binder, LightList(self._device, self._layout, self._own)
+        binder, made = self._binder, LightList(self._device, self._layout, self._data)
         stand_ins = []
         for lamp, material, transform in lit:
             stand_in = copy.copy(lamp)
@@ -115,7 +115,7 @@ class LightsOfWorlds(LightTables):
         found = self._binder.lights.id_of(light)
         if found is not None:
             return found
-        data = own_data(light)
+        data = data_of(light)
         if light not in self._ids or self._ids[light][1] is not data:
             self._last_id += 1
             self._ids[light] = self._last_id, data
@@ -125,8 +125,8 @@ class LightsOfWorlds(LightTables):
         self, listed: Mapping[Light, list[Light | None] | None], own: Mapping[Light, list[Light | None]]
     ) -> None:
         used = {*listed, *(light for given in own.values() for light in given)}
-        for light in [light for light in self._own if light not in used]:
-            self._own.set(light, None)
+        for light in [light for light in self._data if light not in used]:
+            self._data.set(light, None)
 
     def _drop(self, lists: Mapping[Any, Listed]) -> None:
         for listed in lists.values():
@@ -141,7 +141,7 @@ class LightsOfWorlds(LightTables):
     def destroy(self) -> None:
         """Free everything."""
         self._forget()
-        self._own.destroy()
+        self._data.destroy()
 
 
 def _check_once(lights: Sequence[Light | None], world: int) -> None:

@@ -12,9 +12,7 @@ from numpy.typing import NDArray
 from solari_vk.base.errors import SolariError, quoted
 from solari_vk.batch.view_cameras import array, check_all, check_transforms
 from solari_vk.bound.binder import SceneBinder
-from solari_vk.bound.given_poses import taken
-from solari_vk.gpu.device.cuda_input import Taken
-from solari_vk.gpu.device.device import Device
+from solari_vk.gpu.tensors.imports import DeviceTensor
 from solari_vk.scene.lights.portal import Portal
 from solari_vk.scene.model import Instance, Light, Material
 from solari_vk.scene.observed import Checked, Observable
@@ -79,8 +77,9 @@ class OfWorlds(MutableMapping[str | Item, Values], Generic[Item, Values]):
         """A copy."""
         item = self._item(key)
         values: Any = self._given[item] if item in self._given else self._by_default(item)
-        copy: Values = values.copy()
-        return copy
+        copied: Any = values.read() if isinstance(values, DeviceTensor) else values.copy()
+        found: Values = copied
+        return found
 
     def __delitem__(self, key: str | Item) -> None:
         """Have all worlds show an object as the scene has it."""
@@ -153,31 +152,29 @@ class WorldTransforms(OfWorlds[Instance, NDArray[np.float64]]):
 
     where, kind, among = "Batch.transforms", Instance, "instances"
 
-    def __init__(self, device: Device, binder: SceneBinder, worlds: int) -> None:
-        super().__init__(binder, worlds)
-        self._device = device
-
     def __setitem__(self, key: Any, values: Any) -> None:
         if not isinstance(key, (list, tuple)):
             super().__setitem__(key, values)
             return
         what, shape = "of several instances", (self.worlds, len(key), 4, 4)
-        given = self.taken(values, what, shape)
-        if given is not None:
-            parts: list[Any] = [given.at(index, axis=1) for index in range(len(key))]
+        tensor = self.accept_tensor(values, what, shape)
+        if tensor is not None:
+            parts: list[Any] = [tensor.at(index, axis=1) for index in range(len(key))]
         else:
             parts = list(np.moveaxis(array(values, what, shape, where=self.where), 1, 0))
         for item, own in [self.checked(*pair) for pair in zip(key, parts, strict=True)]:
             self.replace(item, own)
 
-    def taken(self, values: Any, what: str, *shapes: tuple[int, ...], where: str | None = None) -> Taken | None:
+    def accept_tensor(
+        self, values: Any, what: str, shape: tuple[int, ...], where: str | None = None
+    ) -> DeviceTensor | None:
         """A tensor that stays on the device; None for what the host reads."""
-        return taken(self._device, values, what, *shapes, where=where or self.where)
+        return self._binder.tensors.accept_shaped(values, what, shape, where=where or self.where)
 
     def _checked(self, item: Instance, values: Any) -> Any:
         what, shape = f"of {item.describe()}", (self.worlds, 4, 4)
-        given = values if isinstance(values, Taken) else self.taken(values, what, shape)
-        return given or self._on_host(item, array(values, what, shape, where=self.where))
+        tensor = values if isinstance(values, DeviceTensor) else self.accept_tensor(values, what, shape)
+        return tensor or self._on_host(item, array(values, what, shape, where=self.where))
 
     def _on_host(self, item: Instance, given: NDArray[np.float64]) -> NDArray[np.float64]:
         names = item.describe(), self.where, "world"
@@ -190,7 +187,7 @@ class WorldTransforms(OfWorlds[Instance, NDArray[np.float64]]):
         found = {}
         for item in self._given.keys() & set(items):
             given = self._given[item]
-            found[item] = self._on_host(item, given.copy()) if isinstance(given, Taken) else given
+            found[item] = self._on_host(item, given.read()) if isinstance(given, DeviceTensor) else given
         self._given.update(found)
         return found
 

@@ -15,13 +15,13 @@ from solari_vk.batch.world_lights import LightsOfWorlds
 from solari_vk.batch.world_objects import WorldLights, WorldMaterials, WorldTransforms
 from solari_vk.batch.world_tables import WorldTables
 from solari_vk.bound.binder import SceneBinder
-from solari_vk.bound.given_poses import GivenPoses
 from solari_vk.bound.lights.bodies import has_body, transform_of
 from solari_vk.bound.traced_instances import flags_of, mask_of
 from solari_vk.gpu.acceleration.tlas import INSTANCE_DTYPE
 from solari_vk.gpu.device.buffer import Buffer
-from solari_vk.gpu.device.cuda_input import Taken
 from solari_vk.gpu.device.device import Device
+from solari_vk.gpu.tensors.imports import DeviceTensor
+from solari_vk.gpu.tensors.port import POSE_RULE, Dispatch, rule
 from solari_vk.scene.model import Instance, Material
 
 ROW_MASK = (1 << 24) - 1  # of custom_index_and_mask
@@ -31,7 +31,7 @@ class Differing(NamedTuple):
     """What an instance has of its own in each world (worlds, ...), None for what the scene has: its transforms, the
     rows of its materials, and the flags and masks of what rays hit."""
 
-    transforms: NDArray[np.float64] | Taken | None = None
+    transforms: NDArray[np.float64] | DeviceTensor | None = None
     materials: NDArray[np.uint32] | None = None
     flags: NDArray[np.uint32] | None = None
     masks: NDArray[np.uint32] | None = None
@@ -46,7 +46,7 @@ class Worlds(WorldTables):
 
     def __init__(self, device: Device, binder: SceneBinder, count: int) -> None:
         super().__init__(device, count)
-        self.transforms = WorldTransforms(device, binder, count)
+        self.transforms = WorldTransforms(binder, count)
         self.materials = WorldMaterials(binder, count)
         self.lights = WorldLights(binder, count)
         self._lit = LightsOfWorlds(device, binder, count)
@@ -56,7 +56,6 @@ class Worlds(WorldTables):
         self._surfaces: dict[Instance, Differing] = {}  # of `materials`
         self._blended: dict[Instance, tuple[Any, ...]] = {}  # in some world by `materials`, with what they looked like
         self._kept: tuple[Any, NDArray[Any], NDArray[Any]] | None = None  # what it is good for, and what was written
-        self.given_poses = GivenPoses(device, "Batch.transforms", "world")
 
     @property
     def resources(self) -> Mapping[str, Any]:
@@ -192,7 +191,7 @@ class Worlds(WorldTables):
         lamp_rows = self._lit.lamp_rows
         given = [(instance, own.transforms is None, own.materials is None) for instance, own in differing.items()]
         kept = binder.record_revision, (*given,), (*lamp_rows,)
-        on_device = [instance for instance, own in differing.items() if isinstance(own.transforms, Taken)]
+        on_device = [instance for instance, own in differing.items() if isinstance(own.transforms, DeviceTensor)]
         changed = self.transforms.changed
         if moved_only and self._kept is not None and self._kept[0] == kept and changed.issubset(on_device):
             self._place(differing, [instance for instance in on_device if instance in changed])
@@ -207,7 +206,7 @@ class Worlds(WorldTables):
         for instance, own in differing.items():
             row = binder.instance_rows[instance]
             place = traced.place(row)
-            if own.transforms is not None and not isinstance(own.transforms, Taken):
+            if own.transforms is not None and not isinstance(own.transforms, DeviceTensor):
                 records["world_from_object"][:, row] = own.transforms[:, :3].transpose(0, 2, 1)
                 instances["transform"][:, place] = own.transforms[:, :3]
             if own.materials is not None:
@@ -231,16 +230,31 @@ class Worlds(WorldTables):
         assert fields is not None
         size, begin = records.dtype.itemsize // 4, fields["world_from_object"][1] // 4
         for instance in on_device:
-            row, given = binder.instance_rows[instance], differing[instance].transforms
-            assert isinstance(given, Taken)
-            shown = self._buffers["instances"].address, row * size + begin, self.rows * size
+            tensor = differing[instance].transforms
+            assert isinstance(tensor, DeviceTensor)
+            row = binder.instance_rows[instance]
             ray_size = INSTANCE_DTYPE.itemsize // 4
-            rays = self._records.address, traced.place(row) * ray_size, traced.count * ray_size
-            self.given_poses.write(given, instance.describe(), self.count, shown, rays)
+            # In floats. The shaders' records and those that rays are traced in have the transform in different order.
+            places = {
+                "first": self._buffers["instances"].address,
+                "first_place": row * size + begin,
+                "first_step": self.rows * size,
+                "second": self._records.address,
+                "second_place": traced.place(row) * ray_size,
+                "second_step": traced.count * ray_size,
+            }
+            port = self._binder.tensors
+            name = instance.describe()
+            subject = f"Batch.transforms: {name}"
+            pushed = {
+                **port.matrices(tensor, self.count),
+                **port.refusal(subject, rule(subject, "world", POSE_RULE)),
+                **places,
+            }
+            port.write([Dispatch("transforms", (self.count, 1), pushed)], name, with_next=True)
         self._build()
 
     def destroy(self) -> None:
         self.materials.destroy()
         self._lit.destroy()
-        self.given_poses.destroy()
         super().destroy()

@@ -10,18 +10,18 @@ from numpy.typing import NDArray
 
 from solari_vk.bound.features import Features
 from solari_vk.bound.geometry import Geometry
-from solari_vk.bound.given_numbers import GivenNumbers, take
-from solari_vk.bound.given_textures import DTYPES
 from solari_vk.bound.material_table import MaterialTable
 from solari_vk.bound.table import Table, upload
 from solari_vk.bound.texture_table import TextureTable
-from solari_vk.gpu.device.cuda_input import Taken
+from solari_vk.bound.texture_tensors import DTYPES
 from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.shaders import spirv
 from solari_vk.gpu.shaders.compiler import compile_shader
+from solari_vk.gpu.tensors.imports import DeviceTensor
+from solari_vk.gpu.tensors.port import TensorPort
 from solari_vk.scene.model import Material, Mesh, TextureImage
 from solari_vk.scene.observed import Observable, Watcher
-from solari_vk.scene.on_device import OnDevice
+from solari_vk.scene.tensor_fields import TensorFields
 
 
 class RowsOfScene(Protocol):
@@ -40,30 +40,28 @@ class Assets:
         self.layout: dict[str, Any] = {n: b.dtype if b.element is None else b.element for n, b in bindings.items()}
         self._device = device
         self.features = Features()
-        self.geometry = Geometry(device, self.layout, self.features, watcher)
-        self.textures = TextureTable(device, self.layout["textures"], watcher)
-        self.materials = MaterialTable(device, self.layout["materials"], self.textures, self.features, watcher)
-        self.given: tuple[GivenNumbers, ...] = (self.geometry.given, self.textures.given, self.materials.given)
+        self.tensors = TensorPort(device)
+        self.geometry = Geometry(device, self.layout, self.features, watcher, self.tensors)
+        self.textures = TextureTable(device, self.layout["textures"], watcher, self.tensors)
+        self.materials = MaterialTable(
+            device, self.layout["materials"], self.textures, self.features, watcher, self.tensors
+        )
         posed = self.geometry.posed
         self.tables: tuple[Table, ...] = (self.geometry.table, *posed.tables, self.textures.table, self.materials.table)
 
-    def take_all(self, values: Any) -> Taken | None:
-        """A tensor with what many objects get, whose parts `take` takes."""
-        return take(self._device, values, DTYPES)
+    def accept_tensor(self, values: Any) -> DeviceTensor | None:
+        """A tensor with the values of many objects, whose rows `accept_tensors` accepts without a copy."""
+        return self.tensors.accept(values, dtypes=DTYPES)
 
-    def take(self, item: OnDevice, fields: Mapping[str, Any]) -> dict[str, Taken] | None:
-        """What tensors give an object in use, in the device's memory; None for what the host must read."""
+    def accept_tensors(self, item: TensorFields, fields: Mapping[str, Any]) -> dict[str, DeviceTensor] | None:
+        """Tensors that are assigned to fields of an object in use, in the device's memory; None for what the host must
+        read."""
         if isinstance(item, Mesh):
-            return self.geometry.take(item, fields)
+            return self.geometry.accept_tensors(item, fields)
         if isinstance(item, TextureImage):
             # Whether instances are opaque depends on alpha.
-            return None if self.materials.users_of_image(item) else self.textures.take(item, fields)
-        return self.materials.take(item, fields) if isinstance(item, Material) else None
-
-    def check_given(self) -> None:
-        """Raise SolariError for what was wrong in tensors, if the device has come to it."""
-        for given in self.given:
-            given.check()
+            return None if self.materials.users_of_image(item) else self.textures.accept_tensors(item, fields)
+        return self.materials.accept_tensors(item, fields) if isinstance(item, Material) else None
 
     @property
     def triangle_orders(self) -> dict[int, NDArray[np.int64]]:
@@ -91,7 +89,7 @@ class Assets:
         """Have the previous positions be those that a user has seen last, where no scene changed."""
         if self.geometry.posed.show(user):
             upload(self._device, [self.geometry.table])
-            self.geometry.given.write_bounds()
+            self.geometry.tensors.write_bounds()
 
     def upload(self, tables: Iterable[Table]) -> int:
         """Upload what has changed in tables; returns how many have other buffers now."""
@@ -99,12 +97,12 @@ class Assets:
         replaced = sum(table.replace() for table in changed)
         materials = set(self.materials.table.marked)
         upload(self._device, changed)
-        self.materials.give(materials)
+        self.materials.write_tensors(materials)
         if self.geometry.table in changed:
-            self.geometry.given.write_bounds()
+            self.geometry.tensors.write_bounds()
         return replaced
 
     def destroy(self) -> None:
         """Free everything."""
-        for owner in (self.geometry, self.materials, self.textures):
+        for owner in (self.geometry, self.materials, self.textures, self.tensors):
             owner.destroy()

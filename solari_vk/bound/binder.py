@@ -19,19 +19,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solari_vk.bound.assets import Assets
+from solari_vk.bound.lights.light_data import SharedBuffers
 from solari_vk.bound.lights.light_list import LightList
 from solari_vk.bound.lights.light_tree import LightTree
-from solari_vk.bound.lights.own_buffers import SharedBuffers
 from solari_vk.bound.material_table import MaterialTable
 from solari_vk.bound.scene_records import SceneRecords
 from solari_vk.bound.table import HostTable, Table
 from solari_vk.bound.traced_instances import SceneTlas
-from solari_vk.gpu.device.cuda_input import Taken
 from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.frame.stopwatch import Stopwatch
+from solari_vk.gpu.tensors.imports import DeviceTensor
+from solari_vk.gpu.tensors.port import TensorPort
 from solari_vk.scene.model import Camera, Instance, Mesh, Scene
 from solari_vk.scene.observed import Observable
-from solari_vk.scene.on_device import OnDevice
+from solari_vk.scene.tensor_fields import TensorFields
 
 
 class SceneBinder:
@@ -117,6 +118,11 @@ class SceneBinder:
         return max(records.instance_capacity for records in self._scenes)
 
     @property
+    def tensors(self) -> TensorPort:
+        """What accepts tensors for the scenes and for those who render them."""
+        return self.assets.tensors
+
+    @property
     def materials(self) -> MaterialTable:
         """The materials of all scenes."""
         return self.assets.materials
@@ -163,15 +169,15 @@ class SceneBinder:
             if records.has_any(users):
                 records.note(changed)
 
-    def take_all(self, values: Any) -> Taken | None:
+    def accept_tensor(self, values: Any) -> DeviceTensor | None:
         """As of `Assets`."""
-        return self.assets.take_all(values)
+        return self.assets.accept_tensor(values)
 
-    def take(self, item: OnDevice, fields: Mapping[str, Any]) -> dict[str, Taken] | None:
-        """What tensors give an object, as of `Assets.take`; None for what emits light, which the host must know."""
+    def accept_tensors(self, item: TensorFields, fields: Mapping[str, Any]) -> dict[str, DeviceTensor] | None:
+        """As of `Assets`; None for what emits light, which the host must know."""
         if any(records.emissions.use(item) for records in self._scenes):
             return None
-        return self.assets.take(item, fields)
+        return self.assets.accept_tensors(item, fields)
 
     def add_feature(self, item: Observable | LightTree) -> None:
         """Have shaders with what a world of a batch has in place of an object of the scene, or as its lights."""
@@ -206,7 +212,7 @@ class SceneBinder:
         about to do so again.
         """
         self._device.check_open()
-        self.assets.check_given()
+        self.tensors.check()
         if self.tlas is not None:
             self.version += self.tlas.keep_previous(bool(self._previous_users))
         key = self if user is None else user

@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 
 from solari_vk.bound.content import content_of
 from solari_vk.bound.features import Features
-from solari_vk.bound.given_vertices import GivenVertices
 from solari_vk.bound.mesh_parts import ADDRESSES, copy_of_positions, mesh_parts, pack_attributes
 from solari_vk.bound.mesh_structures import MeshStructures
+from solari_vk.bound.mesh_tensors import MeshTensors
 from solari_vk.bound.poses.posed_mesh import PosedMesh
 from solari_vk.bound.poses.scene_poses import ScenePoses
 from solari_vk.bound.spatial_order import spatial_order
@@ -23,9 +23,10 @@ from solari_vk.bound.table import Rows, Table
 from solari_vk.gpu.acceleration.blas import Blas
 from solari_vk.gpu.acceleration.geometry import TriangleGeometry
 from solari_vk.gpu.device.buffer import Buffer
-from solari_vk.gpu.device.cuda_input import Taken
 from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.device.uploads import Uploads
+from solari_vk.gpu.tensors.imports import DeviceTensor
+from solari_vk.gpu.tensors.port import TensorPort
 from solari_vk.scene.model import Instance, Mesh
 
 Shape = Mesh | PosedMesh
@@ -35,15 +36,17 @@ ARRAYS = ("positions", "triangles", "normals", "uvs", "tangents", "second_uvs", 
 class Geometry:
     """The `meshes` table and everything its addresses point to. layout: the records of the shaders' blocks, by name."""
 
-    def __init__(self, device: Device, layout: dict[str, Any], features: Features, watcher: Any) -> None:
+    def __init__(
+        self, device: Device, layout: dict[str, Any], features: Features, watcher: Any, port: TensorPort
+    ) -> None:
         self.table = Table(device, "meshes", layout["meshes"])
         self.posed = ScenePoses(device, layout, self.table)
         self.rows: Rows[Shape] = Rows()
         self._ray_users: Rows[Shape] = Rows()
         self._shapes: dict[tuple[Mesh, Instance], PosedMesh] = {}
         self._attributes = layout["vertex_attributes"]
-        self.given = GivenVertices(device, self.table, self.rows, self._attributes)
-        self.structures = MeshStructures(device, self.given)
+        self.tensors = MeshTensors(device, port, self.table, self.rows, self._attributes)
+        self.structures = MeshStructures(device, self.tensors)
         self._device = device
         self._features = features
         self._watcher = watcher
@@ -112,7 +115,7 @@ class Geometry:
                     buffer.destroy()
                 self.posed.forget(mesh)
                 self._uploaded.pop(mesh, None)
-                self.structures.forget_given(mesh)
+                self.structures.forget_tensors(mesh)
                 del self.centers[mesh], self.half_sizes[mesh], self.orders[mesh]
 
     def change(self, mesh: Mesh) -> list[Any]:
@@ -150,18 +153,18 @@ class Geometry:
                 users.append(shape.instance)
         return users
 
-    def take(self, mesh: Mesh, fields: Mapping[str, Any]) -> dict[str, Taken] | None:
-        """What tensors give a mesh, in the device's memory; None for what the host must read: of meshes that are new,
-        that deform, or that have no normals."""
+    def accept_tensors(self, mesh: Mesh, fields: Mapping[str, Any]) -> dict[str, DeviceTensor] | None:
+        """Tensors of a mesh's vertices, in the device's memory; None for what the host must read: of meshes that are
+        new, that deform, or that have no normals."""
         if mesh not in self._uploaded or mesh.deformation is not None:
             return None
-        if "normals" in fields and mesh._held("normals") is None:
+        if "normals" in fields and mesh._stored("normals") is None:
             return None
-        return self.given.take(mesh, fields)
+        return self.tensors.accept(mesh, fields)
 
     def box(self, shape: Shape) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
         """The center and half the size of a shape's bounds, which of vertices of tensors are read by the host."""
-        if shape in self.given:
+        if shape in self.tensors:
             assert isinstance(shape, Mesh)
             self._note_bounds(shape, shape.positions[shape.triangles])
         return self.centers[shape], self.half_sizes[shape]
@@ -182,7 +185,7 @@ class Geometry:
             raise
         traced = {mesh: geometry for mesh, geometry in geometries.items() if mesh in self._ray_users}
         builds = {
-            mesh: (self._content_of[mesh], mesh in self._single_hits) for mesh in traced if mesh not in self.given
+            mesh: (self._content_of[mesh], mesh in self._single_hits) for mesh in traced if mesh not in self.tensors
         }
         self.blases |= self.structures.build(traced, builds, self._moved)
         self._to_upload = {}
@@ -191,22 +194,22 @@ class Geometry:
 
     def _upload(self, mesh: Mesh, uploads: Uploads, revision: int) -> TriangleGeometry:
         """Have a mesh on the device: in memory of its own, or in that of an equal one."""
-        now = {name: mesh._held(name) for name in ARRAYS}
+        now = {name: mesh._stored(name) for name in ARRAYS}
         before = self._uploaded.get(mesh)
-        if before is None or not self.given.fits(before, now):
+        if before is None or not self.tensors.gave_all_changes(before, now):
             self._upload_from_host(mesh, uploads, revision)
         elif new := {name: value for name, value in now.items() if value is not before[name]}:
-            self._receive(mesh, new, revision)
+            self._write_tensors(mesh, new, revision)
         self._uploaded[mesh] = now
         self.table.mark([self.rows[mesh]])
-        record, is_given = self.table.records[self.rows[mesh]], mesh in self.given
+        record, has_tensors = self.table.records[self.rows[mesh]], mesh in self.tensors
         return TriangleGeometry(
             positions=int(record["positions"]),
-            position_count=mesh._held("positions").shape[0],
+            position_count=mesh._stored("positions").shape[0],
             indices=int(record["triangles"]),
             triangle_count=int(record["triangle_count"]),
             # Structures that are refitted allow it, and may be a blended mesh's later.
-            no_duplicate_any_hit=is_given or mesh in self._single_hits,
+            no_duplicate_any_hit=has_tensors or mesh in self._single_hits,
         )
 
     def _upload_from_host(self, mesh: Mesh, uploads: Uploads, revision: int) -> None:
@@ -217,12 +220,12 @@ class Geometry:
             self._share(mesh, content, equal[0])
         else:
             self._upload_new(mesh, content, uploads, revision)
-        self.structures.forget_given(mesh)
+        self.structures.forget_tensors(mesh)
 
-    def _receive(self, mesh: Mesh, given: dict[str, Taken], revision: int) -> None:
-        """Have a mesh in memory of its own, which is a copy of the earlier one but for what tensors gave."""
-        target = self.given.write(mesh, self._buffers[mesh], given)
-        self._take_place(mesh, object(), target, revision, self.posed.is_seen and "positions" in given)
+    def _write_tensors(self, mesh: Mesh, tensors: dict[str, DeviceTensor], revision: int) -> None:
+        """Have a mesh in memory of its own, which is a copy of the earlier one but for the vertices of tensors."""
+        target = self.tensors.write(mesh, self._buffers[mesh], tensors)
+        self._take_place(mesh, object(), target, revision, self.posed.is_seen and "positions" in tensors)
 
     def _hold(self, mesh: Mesh, content: Hashable, buffer: Buffer) -> None:
         self._contents.acquire(content, mesh)
@@ -271,7 +274,7 @@ class Geometry:
         if not self.posed.is_seen or before is None or not np.array_equal(before["triangles"], mesh.triangles):
             return False
         positions = before["positions"]
-        if isinstance(positions, Taken):
+        if isinstance(positions, DeviceTensor):
             return positions.shape == mesh.positions.shape
         return len(positions) == len(mesh.positions) and not np.array_equal(positions, mesh.positions)
 
@@ -286,7 +289,7 @@ class Geometry:
             return
         if moves:
             if not owned:  # it is an equal mesh's too
-                before = copy_of_positions(self._device, before, mesh._held("positions").shape[0])
+                before = copy_of_positions(self._device, before, mesh._stored("positions").shape[0])
             self.posed.edit(mesh, self.rows[mesh], before, buffer.address, revision)
             self._features.add("SCENE_POSES")
             return
@@ -297,7 +300,7 @@ class Geometry:
     def destroy(self) -> None:
         """Free everything."""
         self.posed.destroy()
-        self.given.destroy()
+        self.tensors.destroy()
         self.structures.destroy()
         for buffer in set(self._buffers.values()):
             buffer.destroy()

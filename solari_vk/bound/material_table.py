@@ -17,12 +17,13 @@ from solari_vk.bound.constants import (
     NO_INDEX,
 )
 from solari_vk.bound.features import Features
-from solari_vk.bound.given_materials import GivenMaterials
 from solari_vk.bound.material_record import NUMBERS
+from solari_vk.bound.material_tensors import MaterialTensors
 from solari_vk.bound.table import Rows, Table
 from solari_vk.bound.texture_table import TextureTable
-from solari_vk.gpu.device.cuda_input import Taken
 from solari_vk.gpu.device.device import Device
+from solari_vk.gpu.tensors.imports import DeviceTensor
+from solari_vk.gpu.tensors.port import TensorPort
 from solari_vk.scene.material import LAYERS, TEXTURES, UNLIT_RADIANCE
 from solari_vk.scene.model import Instance, Material, Texture, TextureImage
 from solari_vk.scene.observed import Observable
@@ -34,7 +35,13 @@ class MaterialTable:
     """The `materials` table. watcher: is notified of edits of the materials in use."""
 
     def __init__(
-        self, device: Device, record: np.dtype[Any], textures: TextureTable, features: Features, watcher: Any
+        self,
+        device: Device,
+        record: np.dtype[Any],
+        textures: TextureTable,
+        features: Features,
+        watcher: Any,
+        port: TensorPort,
     ) -> None:
         self.table = Table(device, "materials", record)
         self.rows: Rows[Material] = Rows()
@@ -46,9 +53,9 @@ class MaterialTable:
         self._textures_of: dict[Material, dict[str, Texture]] = {}
         self._to_write: dict[Material, None] = {}
         self._written: dict[Material, int] = {}  # how many edits of the host its record has
-        self._of_tensors: dict[Material, dict[str, Taken]] = {}  # the fields that the host's record lacks
-        self._to_give: set[int] = set()  # rows of materials that have others of these
-        self.given = GivenMaterials(device, self.table, self.rows)
+        self._tensors_of: dict[Material, dict[str, DeviceTensor]] = {}  # the fields that the host's record lacks
+        self._other_tensors: set[int] = set()  # rows of materials that have others of these
+        self._tensors = MaterialTensors(device, port, self.table, self.rows)
 
     @property
     def by_row(self) -> dict[int, Material]:
@@ -65,18 +72,18 @@ class MaterialTable:
         """Undo one `acquire`."""
         if self.rows.release(material, user):
             material.unwatch(self._watcher)
-            for known in (self._to_write, self._written, self._of_tensors):
+            for known in (self._to_write, self._written, self._tensors_of):
                 known.pop(material, None)
             self.emitting.discard(material)
             for slot, texture in self._textures_of.pop(material).items():
                 self._textures.release(texture, TEXTURES[slot], material)
 
-    def take(self, material: Material, fields: Mapping[str, Any]) -> dict[str, Taken] | None:
+    def accept_tensors(self, material: Material, fields: Mapping[str, Any]) -> dict[str, DeviceTensor] | None:
         """Tensors of numbers of a material; None for what the host must read: of new materials, and what shaders may
         not have."""
         if material not in self._written:
             return None
-        return self.given.take(material, fields, "SCENE_LAYERS" in self._features.constants)
+        return self._tensors.accept(material, fields, "SCENE_LAYERS" in self._features.constants)
 
     def change(self, material: Material) -> list[Instance]:
         """Take note of an edit of a material; returns the instances whose records may depend on it."""
@@ -123,28 +130,30 @@ class MaterialTable:
         """Write the records of new and changed materials; their textures must have rows."""
         self.table.reserve(self.rows.limit)
         for material in self._to_write:
-            given = self.given.held_of(material) if material in self._written else {}  # the host reads a new one's
-            if not given.keys().isdisjoint(LAYERS):
+            # The host reads the tensors of a material that is new here.
+            tensors = self._tensors.tensors_of(material) if material in self._written else {}
+            if not tensors.keys().isdisjoint(LAYERS):
                 self._features.note(material)  # another renderer's shaders may have had layers before
             if self._differs_by_tensors(material):
-                self._to_give.add(self.rows[material])
+                self._other_tensors.add(self.rows[material])
             else:
-                self._write(material, given)
-            self._written[material], self._of_tensors[material] = material._host_edits, given
+                self._write(material, tensors)
+            self._written[material] = material._host_edits
+            self._tensors_of[material] = tensors
         self._to_write.clear()
 
     def _differs_by_tensors(self, material: Material) -> bool:
-        """Whether nothing but tensors of this device gives other fields than when the record was written."""
+        """Whether nothing but tensors of this device changed since the record was written."""
         unchanged = self._written.get(material) == material._host_edits
-        return unchanged and len(self.given.held_of(material)) == len(material._given)
+        return unchanged and len(self._tensors.tensors_of(material)) == len(material._tensors)
 
-    def _write(self, material: Material, given: Mapping[str, Taken]) -> None:
-        """Write a record but for what tensors gave."""
+    def _write(self, material: Material, tensors: Mapping[str, DeviceTensor]) -> None:
+        """Write a record but for the fields that are tensors."""
         self._features.note(material)
         row = self.rows[material]
         record = self.table.records[row]
         for name in NUMBERS:
-            if name not in given:
+            if name not in tensors:
                 record[name] = material.relative_reflectance if name == "reflectance" else getattr(material, name)
         textures = self._textures_of[material]
         for slot, srgb in TEXTURES.items():
@@ -161,22 +170,22 @@ class MaterialTable:
         (self.emitting.add if material.emits else self.emitting.discard)(material)
         self.table.mark([row])
 
-    def give(self, uploaded: Set[int]) -> None:
+    def write_tensors(self, uploaded: Set[int]) -> None:
         """Have numbers of tensors in the records that have other ones, or were uploaded without them."""
-        rows = self._to_give | uploaded
+        rows = self._other_tensors | uploaded
         if rows:
-            self.given.write(
+            self._tensors.write(
                 {
-                    material: given
-                    for material, given in self._of_tensors.items()
-                    if given and self.rows[material] in rows
+                    material: tensors
+                    for material, tensors in self._tensors_of.items()
+                    if tensors and self.rows[material] in rows
                 }
             )
-        self._to_give.clear()
+        self._other_tensors.clear()
 
     def destroy(self) -> None:
         """Free everything."""
-        self.given.destroy()
+        self._tensors.destroy()
         self.table.destroy()
         for material in self.rows:
             material.unwatch(self._watcher)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Container, Hashable, Mapping
 from typing import Any
 
-from solari_vk.bound.given_vertices import GivenVertices
+from solari_vk.bound.mesh_tensors import MeshTensors
 from solari_vk.bound.table import Rows
 from solari_vk.gpu.acceleration.blas import Blas
 from solari_vk.gpu.acceleration.blas_builds import build_blases
@@ -18,10 +18,11 @@ Build = tuple[Hashable, bool]
 
 
 class MeshStructures:
-    """given: the meshes with vertices of tensors."""
+    """tensors: the meshes with vertices of tensors."""
 
-    def __init__(self, device: Device, given: GivenVertices) -> None:
-        self._device, self._given = device, given
+    def __init__(self, device: Device, tensors: MeshTensors) -> None:
+        self._device = device
+        self._tensors = tensors
         self._built: dict[Build, Blas] = {}
         self._builds: Rows[Build] = Rows()  # whose users share a structure
         self._build_of: dict[Mesh, Build] = {}
@@ -41,19 +42,19 @@ class MeshStructures:
             self._builds.acquire(build, mesh)
             self._drop_build(mesh)
             self._build_of[mesh] = build
-        given = self._given.structures({mesh: traced[mesh] for mesh in traced if mesh not in builds}, moved)
-        for mesh in given:
+        of_tensors = self._tensors.structures({mesh: traced[mesh] for mesh in traced if mesh not in builds}, moved)
+        for mesh in of_tensors:
             self._drop_build(mesh)
-        return {mesh: self._built[build] for mesh, build in builds.items()} | given
+        return {mesh: self._built[build] for mesh, build in builds.items()} | of_tensors
 
     def drop(self, mesh: Mesh) -> None:
         """Rays don't meet a mesh any more."""
         self._drop_build(mesh)
-        self.kept = not self._given.drop_structures(mesh) and self.kept
+        self.kept = not self._tensors.drop_structures(mesh) and self.kept
 
-    def forget_given(self, mesh: Mesh) -> None:
-        """The host gives all vertices of a mesh again, or it isn't used any more."""
-        self.kept = not self._given.forget(mesh) and self.kept
+    def forget_tensors(self, mesh: Mesh) -> None:
+        """The host has all vertices of a mesh again, or it isn't used any more."""
+        self.kept = not self._tensors.forget(mesh) and self.kept
 
     def _drop_build(self, mesh: Mesh) -> None:
         """Free the structure that was built for a mesh, if there is one and no other mesh's."""

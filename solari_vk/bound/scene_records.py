@@ -17,12 +17,12 @@ from solari_vk.bound.lights.emissive_meshes import Emission, Emissions
 from solari_vk.bound.lights.light_list import LightList, Position
 from solari_vk.bound.table import MakeTable, Rows
 from solari_vk.bound.traced_instances import TracedRecords
-from solari_vk.gpu.device.cuda_input import Taken
 from solari_vk.gpu.device.device import Device
+from solari_vk.gpu.tensors.imports import DeviceTensor
 from solari_vk.scene.matrices import placed_box
 from solari_vk.scene.model import Camera, Instance, Light, Material, Mesh, Scene, Texture, TextureImage
 from solari_vk.scene.observed import Observable
-from solari_vk.scene.on_device import OnDevice
+from solari_vk.scene.tensor_fields import TensorFields
 
 MAX_INSTANCES = 1 << 24  # a custom index of an acceleration structure has 24 bits
 # The fields that `_write_instance` sets, in order.
@@ -197,10 +197,10 @@ class SceneRecords:
         (TextureImage, _apply_image),
     )
 
-    def _may_change_lights(self, item: OnDevice, field: str) -> bool:
+    def _may_change_lights(self, item: TensorFields, field: str) -> bool:
         """Whether an edit of a mesh or an image may change the lights: a tensor on the device changes nothing of what
         the host knows, but for objects that emit."""
-        return not isinstance(item._held(field), Taken) or self.emissions.use(item)
+        return not isinstance(item._stored(field), DeviceTensor) or self.emissions.use(item)
 
     def _write_later(self, instances: Iterable[Instance]) -> None:
         """Have `write` write the records of these, if they are in the scene."""

@@ -8,15 +8,15 @@ from typing import Any
 import numpy as np
 
 from solari_vk.bound.content import content_of
-from solari_vk.bound.given_numbers import is_takable, take
-from solari_vk.bound.given_textures import DTYPES, GivenTextures
 from solari_vk.bound.table import Rows, Table
+from solari_vk.bound.texture_tensors import DTYPES, TextureTensors
 from solari_vk.gpu.device import raw
-from solari_vk.gpu.device.cuda_input import Taken
 from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.device.image import Image
 from solari_vk.gpu.device.sampler import Sampler
 from solari_vk.gpu.device.uploads import Uploads
+from solari_vk.gpu.tensors.imports import DeviceTensor
+from solari_vk.gpu.tensors.port import TensorPort
 from solari_vk.scene.images.mip_chain import mip_chain
 from solari_vk.scene.matrices import by_columns
 from solari_vk.scene.model import Material, Texture, TextureImage
@@ -31,7 +31,7 @@ _WRAP = {"repeat": "repeat", "mirrored_repeat": "mirror", "clamp_to_edge": "clam
 class TextureTable:
     """The table `textures` with a row for each (Texture, sRGB) pair, and `bound`, the array of images and samplers."""
 
-    def __init__(self, device: Device, record: np.dtype[Any], watcher: Any) -> None:
+    def __init__(self, device: Device, record: np.dtype[Any], watcher: Any, port: TensorPort) -> None:
         self.table = Table(device, "textures", record)
         self.rows: Rows[tuple[Texture, bool]] = Rows()
         self._device = device
@@ -46,7 +46,8 @@ class TextureTable:
         self._replaced = False  # something of `bound`
         self._to_link: dict[tuple[Texture, bool], None] = {}
         self.bound: list[tuple[Image, Sampler]]
-        self.given = GivenTextures(device)
+        self._port = port
+        self._tensors = TextureTensors(device, port)
         # Fills unused elements of `bound`, because every element must be valid.
         self._white = device.image(1, 1, _FORMATS[False], "white texture")
         with device.uploads() as uploads:
@@ -81,16 +82,13 @@ class TextureTable:
                 if image[0] is changed:
                     self._to_upload[image] = None
 
-    def take(self, image: TextureImage, fields: Mapping[str, Any]) -> dict[str, Taken] | None:
-        """A tensor of an image's size that gives its pixels; None for what the host must read."""
-        pixels, size = fields["pixels"], image._held("pixels").shape[:2]
+    def accept_tensors(self, image: TextureImage, fields: Mapping[str, Any]) -> dict[str, DeviceTensor] | None:
+        """A tensor of an image's size with its pixels; None for what the host must read."""
+        size = image._stored("pixels").shape[:2]
         keys = {(image, True), (image, False)}
         if not keys & self._images.keys() or keys & self._to_upload.keys():  # of which an upload failed
             return None
-        if not is_takable(self._device, pixels) or tuple(pixels.shape) not in (size, (*size, 3), (*size, 4)):
-            return None
-        given = take(self._device, pixels, DTYPES)
-        return None if given is None else {"pixels": given}
+        return self._port.accept_fields(fields, lambda _: (size, (*size, 3), (*size, 4)), DTYPES)
 
     def update(self) -> bool:
         """Upload new and changed images; returns whether `bound` has changed."""
@@ -155,9 +153,9 @@ class TextureTable:
     def _upload(self, key: ImageKey, uploads: Uploads) -> None:
         source, srgb = key
         before = self._images.get(key)
-        held = source._held("pixels")
-        if before is not None and isinstance(held, Taken) and self.given.fits(before, held):
-            self._receive(key, held)
+        pixels = source._stored("pixels")
+        if before is not None and self._port.owns(pixels) and pixels.shape[:2] == (before.height, before.width):
+            self._write_tensor(key, pixels)
             return
         self._replaced = True
         # What was edited is not compared, so that edits take no time for that.
@@ -174,12 +172,12 @@ class TextureTable:
             self._drop(key, before, self._content_of[key])
         self._images[key], self._content_of[key] = image, content
 
-    def _receive(self, key: ImageKey, given: Taken) -> None:
+    def _write_tensor(self, key: ImageKey, tensor: DeviceTensor) -> None:
         """Have a tensor's texels in an image, which is a new one if others share the earlier one."""
         source, srgb = key
         image, content = self._images[key], self._content_of[key]
         is_shared = len(self._contents.users(content)) > 1
-        self._images[key] = self.given.write(source.describe(), image, given, srgb, in_place=not is_shared)
+        self._images[key] = self._tensors.write(source.describe(), image, tensor, srgb, in_place=not is_shared)
         self._content_of[key] = object()
         self._contents.acquire(self._content_of[key], key)
         self._contents.release(content, key)
@@ -194,7 +192,7 @@ class TextureTable:
         """Free everything."""
         for image in {*self._images.values(), self._white}:
             image.destroy()
-        self.given.destroy()
+        self._tensors.destroy()
         self.table.destroy()
         for texture, _ in self.rows:
             texture.unwatch(self._watcher)

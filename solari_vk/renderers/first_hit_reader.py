@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 from solari_vk.bound.binder import SceneBinder
 from solari_vk.bound.projection import JITTERS, CameraUniforms, Projection
-from solari_vk.gpu.device.cuda_tensor import CudaTensor
 from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.frame.frame import Frame
+from solari_vk.gpu.tensors.exports import CudaTensor
 from solari_vk.passes import gbuffer, reference
 
 AVERAGED = 16  # rays of a pixel in a mean

@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 from solari_vk.base.errors import SolariError, checked_keywords, quoted, unknown_name
 from solari_vk.bound.binder import SceneBinder
 from solari_vk.bound.projection import JITTERS, CameraUniforms, Projection
-from solari_vk.gpu.device.cuda_tensor import CudaTensor
 from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.frame.frame import Stage
+from solari_vk.gpu.tensors.exports import CudaTensor
 from solari_vk.output import oidn
 from solari_vk.passes import reference
 from solari_vk.renderers.dispatch_size import MAX_SAMPLES, DispatchSize

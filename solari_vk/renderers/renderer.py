@@ -16,9 +16,9 @@ from solari_vk.bound.lights.index_translation import IndexTranslation
 from solari_vk.bound.lights.recent_changes import RecentChanges
 from solari_vk.bound.projection import SEED_STRIDE, CameraUniforms, Projection, jitters, lens_point
 from solari_vk.gpu.device.buffer import Buffer
-from solari_vk.gpu.device.cuda_tensor import CudaTensor
 from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.frame.frame import Stage
+from solari_vk.gpu.tensors.exports import CudaTensor
 from solari_vk.output.tone_mapping import TONEMAPS
 from solari_vk.passes import display, gbuffer, guides, lighting, ray_count, reference, solari019, taa
 from solari_vk.passes.debug_views import DEBUG_VIEWS, PICTURE, check_view, views_of

@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 from solari_vk.base.errors import Hints, SolariError, quoted, unknown_attribute, warn
 from solari_vk.bound.binder import SceneBinder
 from solari_vk.bound.features import LENSES
-from solari_vk.gpu.device.cuda_tensor import CudaTensor
 from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.frame.frame import Row, Stage
+from solari_vk.gpu.tensors.exports import CudaTensor
 from solari_vk.output.cutout import backdrop, premultiplied
 from solari_vk.output.tone_mapping import auto_exposure
 from solari_vk.passes import brdf_table

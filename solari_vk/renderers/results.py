@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 from solari_vk.base.errors import Hints, SolariError, checked_keywords, quoted, unknown_name, warn
 from solari_vk.bound.binder import SceneBinder
 from solari_vk.bound.projection import Projection
-from solari_vk.gpu.device.cuda_tensor import CudaTensor
 from solari_vk.gpu.device.device import Device
+from solari_vk.gpu.tensors.exports import CudaTensor
 from solari_vk.output.annotations import boxes, merged_ids
 from solari_vk.output.picture import EIGHT_BIT, check_alpha, png_bytes, save_image, write_codes
 from solari_vk.output.tone_mapping import encode_picture, misexposed, unseen

@@ -12,11 +12,11 @@ from solari_vk.base.errors import SolariError, warn
 from solari_vk.scene import checks
 from solari_vk.scene.checks import FloatArray
 from solari_vk.scene.observed import Checked, checked
-from solari_vk.scene.on_device import OnDevice
+from solari_vk.scene.tensor_fields import TensorFields
 
 
 @checked
-class TextureImage(OnDevice):
+class TextureImage(TensorFields):
     """An image with 8 bits per channel: RGBA (height, width, 4), RGB (height, width, 3) or gray (height, width).
 
     pixels may be given as the path of a PNG, JPEG, WebP, KTX2 or DDS file, or as floats in [0, 1], of which 1 is the
@@ -30,7 +30,7 @@ class TextureImage(OnDevice):
     name: str = ""
 
     _converters = {"pixels": checks.pixels, "name": checks.text}
-    _on_device = ("pixels",)
+    _tensor_fields = ("pixels",)
 
     _least_alpha: ClassVar[tuple[Any, float]] = (None, 1.0)
 
@@ -129,7 +129,7 @@ _TRIMESH_GRAY = 102  # the diffuse color of a SimpleMaterial that has none, of 2
 
 
 @checked
-class Material(OnDevice):
+class Material(TensorFields):
     """A metallic-roughness surface, as in glTF.
 
     Colors are linear, (3,); one number stands for gray. base_color, metallic and perceptual_roughness are in [0, 1].
@@ -229,7 +229,7 @@ class Material(OnDevice):
     name: str = ""
 
     _aliases = {"roughness": "perceptual_roughness"}
-    _on_device = (
+    _tensor_fields = (
         "base_color", "metallic", "perceptual_roughness", "normal_scale", "reflectance", "specular",
         "diffuse_transmission_color", "clearcoat", "clearcoat_roughness", "clearcoat_normal_scale", "sheen_color",
         "sheen_roughness", "anisotropy", "anisotropy_rotation", "iridescence_ior", "iridescence_thickness",
@@ -315,7 +315,7 @@ class Material(OnDevice):
     @property
     def has_layers(self) -> bool:
         """Whether shaders need more than a diffuse lobe below an isotropic specular one of full weight, or glass."""
-        if not self._given.keys().isdisjoint(LAYERS):
+        if not self._tensors.keys().isdisjoint(LAYERS):
             return True  # tensors give these where shaders have layers
         # Each of these brings the shader with layers, which costs more at each hit.
         weights = (self.clearcoat, self.anisotropy, self.sheen_color.max(), 1 - self.specular)

@@ -23,8 +23,8 @@ from solari_vk.scene.images.mip_chain import LINEAR_OF_SRGB
 from solari_vk.scene.material import Material
 from solari_vk.scene.meshes.deformation import Deformation, check_pose
 from solari_vk.scene.observed import Checked, checked
-from solari_vk.scene.on_device import OnDevice
 from solari_vk.scene.placement import PARTS, Scaled, resolved
+from solari_vk.scene.tensor_fields import TensorFields
 
 
 def _positions(value: Any) -> FloatArray:
@@ -40,7 +40,7 @@ def _positions(value: Any) -> FloatArray:
 
 
 @checked
-class Mesh(OnDevice):
+class Mesh(TensorFields):
     """Triangles in object space, whose front faces are counter-clockwise.
 
     positions (N, 3) in meters. triangles (M, 3): rows of `positions`; by default each three positions are a triangle.
@@ -78,7 +78,7 @@ class Mesh(OnDevice):
         "tangents": checks.array(None, 4, optional=True),
         "deformation": checks.instance_of(lambda: Deformation, optional=True),
     }
-    _on_device = ("positions", "normals")
+    _tensor_fields = ("positions", "normals")
     _default_triangles: ClassVar[NDArray[np.uint32] | None] = None
     _least_alpha: ClassVar[tuple[Any, float]] = (None, 1.0)
 
@@ -91,7 +91,7 @@ class Mesh(OnDevice):
         return self._least_alpha[1]
 
     def _row_count(self, name: str) -> int | None:
-        held = vars(self).get(name, self._given.get(name))
+        held = vars(self).get(name, self._tensors.get(name))
         return None if held is None else int(held.shape[0])
 
     def uvs_for(self, uv_set: int) -> FloatArray | None:

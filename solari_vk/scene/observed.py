@@ -86,7 +86,7 @@ class Checked(Observable):
     _names: ClassVar[Mapping[str, None]] = {}  # the fields, in order; `checked` sets it
     _derived: ClassVar[tuple[str, ...]] = ()  # names that can be assigned, of which `_resolve` makes fields
     _defaults: ClassVar[Mapping[str, Any]] = {}  # of the fields; MISSING where there is none; `checked` sets it
-    _on_device: ClassVar[tuple[str, ...]] = ()  # fields that a device may have, not the class
+    _tensor_fields: ClassVar[tuple[str, ...]] = ()  # may be tensors on a device: see TensorFields
     _ready = False
     name: str
 
@@ -189,7 +189,7 @@ def checked(kind: Kind) -> Kind:
 
     with_aliases.__signature__ = _with_defaults(init, kind._defaults)  # type: ignore[attr-defined]
     setattr(kind, "__init__", with_aliases)  # noqa: B010
-    for name in vars(kind).keys() & set(kind._on_device):
+    for name in vars(kind).keys() & set(kind._tensor_fields):
         delattr(kind, name)  # the default
     for alias, name in kind._aliases.items():
         setattr(kind, alias, property(operator.attrgetter(name), doc=f"Another name of `{name}`."))

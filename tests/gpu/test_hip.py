@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 import solari_vk as sv
-from solari_vk.gpu.device import cuda, cuda_tensor, dlpack
+from solari_vk.gpu.tensors import cuda, dlpack, exports, shared_memory
 
 FILE_BEGIN = 4096  # where lavapipe's memory begins in the file that it exports
 ADDRESS = "0000:03:00.0"
@@ -82,12 +82,12 @@ class Library:
 @pytest.fixture
 def amd(device, monkeypatch):
     """The device as one of AMD's, and its library."""
-    if device.properties.kind != "cpu" or cuda_tensor.MEMORY not in device.extensions:
+    if device.properties.kind != "cpu" or shared_memory.MEMORY not in device.extensions:
         pytest.skip("needs a software device that exports memory")
     library = Library()
     monkeypatch.setattr(cuda._ffi, "dlopen", lambda name: library, raising=False)
-    monkeypatch.setattr(cuda_tensor, "pci_address", lambda device: ADDRESS)
-    changed = dataclasses.replace(device.properties, vendor_id=cuda_tensor.AMD, kind="discrete gpu")
+    monkeypatch.setattr(shared_memory, "pci_address", lambda device: ADDRESS)
+    changed = dataclasses.replace(device.properties, vendor_id=exports.AMD, kind="discrete gpu")
     monkeypatch.setattr(device, "properties", changed)
     return library
 
@@ -105,12 +105,12 @@ def test_structures_have_the_sizes_of_hip():
 
 
 def test_tensors_by_hip(device, amd):
-    tensors = cuda_tensor.CudaTensors(device, device.memory)
+    tensors = exports.TensorExports(device, device.memory)
     with sv.PathTracer(device, sv.builtin("cornell_box"), (24, 16)) as tracer:
         expected = tracer.render(samples=1)["radiance"]
         buffer = tracer._frame.resource("radiance_mean")
         copy = lambda cmd, target: buffer.record_copy(cmd, target, size=expected.nbytes)  # noqa: E731
-        tensor = tensors.copy(copy, expected.shape, expected.dtype)
+        tensor = tensors.export(copy, expected.shape, expected.dtype)
         assert repr(tensor) == "<CudaTensor (16, 24, 3) float32 on HIP device 3>"
         assert tensor.__dlpack_device__() == (dlpack.ROCM, 3) == (10, 3)
         capsule = tensor.__dlpack__(stream=5)
@@ -125,7 +125,7 @@ def test_tensors_by_hip(device, amd):
         del anywhere, tensor, seen
         gc.collect()
         device.wait_idle()
-        tensors.copy(copy, expected.shape, expected.dtype)  # in the same memory
+        tensors.export(copy, expected.shape, expected.dtype)  # in the same memory
     assert amd.names.count("hipImportExternalMemory") == 1
     assert amd.names[-3:] == ["hipCtxSynchronize", "hipEventSynchronize", "hipEventDestroy"]
     gc.collect()
@@ -144,7 +144,7 @@ def test_tensors_by_hip(device, amd):
 def test_what_hip_lacks_is_said(device, amd, failing, said):
     amd._failing = failing
     with pytest.raises(sv.DeviceError, match=said):
-        cuda_tensor.CudaTensors(device, device.memory)
+        exports.TensorExports(device, device.memory)
 
 
 def open_inodes():
@@ -159,11 +159,11 @@ def open_inodes():
 
 @pytest.mark.parametrize("failing", ["hipImportExternalMemory", "hipExternalMemoryGetMappedBuffer"])
 def test_an_error_halfway_frees_all(device, amd, failing):
-    tensors = cuda_tensor.CudaTensors(device, device.memory)
+    tensors = exports.TensorExports(device, device.memory)
     amd._failing = failing
     before = open_inodes()
     with pytest.raises(sv.DeviceError, match=f"{failing}: out of order"):
-        tensors.copy(None, (4,), np.dtype(np.float32))
+        tensors.export(None, (4,), np.dtype(np.float32))
     amd._maps.clear()
     assert open_inodes() <= before  # files of earlier tests may be closed meanwhile
     assert ("hipDestroyExternalMemory" in amd.names) == (failing == "hipExternalMemoryGetMappedBuffer")
@@ -172,7 +172,7 @@ def test_an_error_halfway_frees_all(device, amd, failing):
 
 def test_a_device_without_a_bus_says_so(device):
     if "VK_EXT_pci_bus_info" in device.offered_extensions:
-        assert len(cuda_tensor.pci_address(device)) == len(ADDRESS)
+        assert len(shared_memory.pci_address(device)) == len(ADDRESS)
     else:
         with pytest.raises(sv.DeviceError, match="lacks VK_EXT_pci_bus_info"):
-            cuda_tensor.pci_address(device)
+            shared_memory.pci_address(device)

@@ -71,7 +71,7 @@ def test_modules_of_both_ways(path: str) -> None:
     """Valid and readable; one that traces by queries is a ray generation shader in the other way, others are equal."""
     queries, pipelines = (compile_shader(path, ray_pipelines=on) for on in (False, True))
     check_spirv(queries, path)
-    module = reflect(queries, path, writes_by_address=path.startswith(("scene/deform", "scene/given/")))
+    module = reflect(queries, path, writes_by_address=path.startswith(("scene/deform", "scene/tensors/")))
     assert module.main.stage == path.rpartition(".")[2]
     assert not ray_generation.uses_ray_queries(pipelines)
     if not ray_generation.uses_ray_queries(queries):

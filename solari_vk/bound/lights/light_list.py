@@ -16,9 +16,9 @@ from solari_vk.bound.lights.bodies import Bodies
 from solari_vk.bound.lights.choice_weights import choice_weights_by_kind
 from solari_vk.bound.lights.clusters import ClusterBoxes
 from solari_vk.bound.lights.emissive_meshes import ONE_PART, Emission
+from solari_vk.bound.lights.light_data import LightData, SharedBuffers, data_of
 from solari_vk.bound.lights.light_kinds import AT_INFINITY, BEYOND, KIND_INDEX, PASSED, PLACES, LightKind, kind_of
 from solari_vk.bound.lights.light_leaves import LightLeaves
-from solari_vk.bound.lights.own_buffers import OwnBuffers, SharedBuffers, own_data
 from solari_vk.bound.lights.portal_maps import PortalMaps
 from solari_vk.bound.table import HostTable, MakeTable, Table
 from solari_vk.gpu.device.device import Device
@@ -37,11 +37,11 @@ class LightList:
     lights follow. When lights are added or removed, all rows are uploaded; when they change their power, the leaves of
     all, whose probabilities change. When lights move, only their records and nodes of the tree are.
 
-    own: given for a list on the host alone: the buffers of its maker, who has bodies too, or those that scenes share.
+    data: for a list in the host's memory alone: the data of its maker, who has bodies too, or what scenes share of it.
     """
 
-    def __init__(self, device: Device, layout: dict[str, Any], own: OwnBuffers | SharedBuffers | None = None) -> None:
-        table: MakeTable = partial(Table, device) if own is None else HostTable
+    def __init__(self, device: Device, layout: dict[str, Any], data: LightData | SharedBuffers | None = None) -> None:
+        table: MakeTable = partial(Table, device) if data is None else HostTable
         self.sources = table("light_sources", layout["light_sources"])
         self.info = table("scene_infos", layout["scene_infos"])
         self.leaves = LightLeaves(table, layout)
@@ -55,8 +55,9 @@ class LightList:
         self._index: dict[Instance, int] = {}
         self._others: dict[LightKind, dict[Light, None]] = {kind: {} for kind in with_records}
         self.bodies = Bodies()
-        self._has_bodies = not isinstance(own, OwnBuffers)
-        self.own = own if isinstance(own, OwnBuffers) else OwnBuffers(device, layout["light_leaves"]["by_power"], own)
+        self._has_bodies = not isinstance(data, LightData)
+        by_power = layout["light_leaves"]["by_power"]
+        self.data = data if isinstance(data, LightData) else LightData(device, by_power, data)
         self._portal_maps = PortalMaps(device)
         self._edited: dict[Light, LightKind] = {}
         self._changed = True
@@ -171,14 +172,14 @@ class LightList:
         if not present:
             for known in (self._id_of, self._power_of, self._edited):
                 known.pop(light, None)
-            self.own.set(light, None)
+            self.data.set(light, None)
         elif light not in self._others[own]:
             self._others[own][light] = None
             self.renew(light)
         else:
             self._edited[light] = own
         self._changed |= not present
-        if present and self.own.set(light, own_data(light)):
+        if present and self.data.set(light, data_of(light)):
             self.renew(light)
         return self.bodies.follow(light, present) if self._has_bodies else None
 
@@ -288,7 +289,7 @@ class LightList:
             if kind.source is EnvironmentLight:
                 info["first_environment"] = row
             for index, light in enumerate(lights):
-                found = self.own.get(light)
+                found = self.data.get(light)
                 self._write_source(row, kind, index, found.emission if found else ONE_PART)
                 self._write_record(kind, index, light)
                 row += 1
@@ -299,7 +300,7 @@ class LightList:
         self.info.mark([0])
 
     def _write_record(self, kind: LightKind, index: int, light: Light) -> None:
-        table, found = self._records[kind], self.own.get(light)
+        table, found = self._records[kind], self.data.get(light)
         own = self._portal_maps.get(light) or (found.record if found else {})
         for field, value in (kind.record(light) | own).items():
             table.records[index][field] = value
@@ -309,5 +310,5 @@ class LightList:
         """Free the tables."""
         for table in self.tables:
             table.destroy()
-        self.own.destroy()
+        self.data.destroy()
         self._portal_maps.destroy()

@@ -11,8 +11,6 @@ from solari_vk.gpu.device.allocator import Allocator
 from solari_vk.gpu.device.buffer import Buffer
 from solari_vk.gpu.device.compile_notes import CompileNotes
 from solari_vk.gpu.device.compiling import OnCompile
-from solari_vk.gpu.device.cuda_input import CudaInputs
-from solari_vk.gpu.device.cuda_tensor import CudaTensors
 from solari_vk.gpu.device.image import Image
 from solari_vk.gpu.device.instance import Instance
 from solari_vk.gpu.device.kept import Kept
@@ -22,6 +20,8 @@ from solari_vk.gpu.device.pipeline_cache import PipelineCache
 from solari_vk.gpu.device.sampler import Sampler
 from solari_vk.gpu.device.uploads import StagingPool, Uploads
 from solari_vk.gpu.device.work_queue import WorkQueue
+from solari_vk.gpu.tensors.exports import TensorExports
+from solari_vk.gpu.tensors.imports import TensorImports
 
 _KEPT_PIPELINES = 256  # a realtime frame has about 40
 
@@ -89,16 +89,21 @@ class Device(WorkQueue):
         return PipelineCache(self)
 
     @cached_property
-    def cuda(self) -> CudaTensors:
+    def cuda(self) -> TensorExports:
         """Makes tensors that CUDA shares. Raises DeviceError, with the reason, where it can't."""
-        return CudaTensors(self, self.memory)
+        return TensorExports(self, self.memory)
 
     @cached_property
-    def cuda_inputs(self) -> CudaInputs:
-        """Takes tensors of CUDA's libraries. Raises DeviceError, with the reason, where it can't."""
-        return CudaInputs(self.cuda, self, self.buffer)
+    def tensor_imports(self) -> TensorImports:
+        """Copies tensors of CUDA's libraries to the device. Raises DeviceError, with the reason, where it can't."""
+        return TensorImports(self.cuda, self, self.buffer)
 
-    def cuda_for(self, name: str) -> CudaTensors:
+    @property
+    def has_tensor_imports(self) -> bool:
+        """Whether `tensor_imports` was made, which shows that CUDA shares the device."""
+        return "tensor_imports" in vars(self)
+
+    def cuda_for(self, name: str) -> TensorExports:
         """`cuda`, for a tensor of what has this name. Raises SolariError, with the reason, where there is none."""
         try:
             return self.cuda
@@ -126,14 +131,14 @@ class Device(WorkQueue):
         if self.closed:
             return
         try:
-            if "cuda_inputs" in vars(self):
-                self.cuda_inputs.keep_on_host()
+            if self.has_tensor_imports:
+                self.tensor_imports.move_to_host()
             if not self.lost:
                 self._hand_over()
         finally:
             self.collect()
             self.closed = True
-            self.lent.close(self._end)
+            self.loans.close(self._end)
 
     def _end(self) -> None:
         self._finish()

@@ -10,9 +10,8 @@ from functools import partial
 from solari_vk.base.errors import DeviceError
 from solari_vk.gpu.device import raw
 from solari_vk.gpu.device.barriers import host_read_barrier
-from solari_vk.gpu.device.callbacks import Callbacks
+from solari_vk.gpu.device.callbacks import Callbacks, Loans
 from solari_vk.gpu.device.gathering import GatheringDevice
-from solari_vk.gpu.device.lent import Lent
 from solari_vk.gpu.device.submission import SemaphoreValue, Submission
 
 _WAIT_SLICE = 100_000_000  # nanoseconds: Python handles Ctrl-C between slices
@@ -31,7 +30,7 @@ class WorkQueue(GatheringDevice):
         self._shared: set[int] = set()
         self._retired: deque[tuple[int, Callable[[], None]]] = deque()
         self._collecting = False
-        self.lent = Lent()
+        self.loans = Loans()
         self.late: list[Callable[[], None]] = []
         """Are called while work is late, and raise DeviceError for what has failed that it waits for."""
         self._before_next: list[Callable[[raw.CData], None]] = []
@@ -103,7 +102,7 @@ class WorkQueue(GatheringDevice):
         self.submitted = value
         if self._with_next:
             self._with_next.clear()
-        if self._retired or self.lent.returned:
+        if self._retired or self.loans.returned:
             self.collect()
         if self.messages:
             self.check_messages()
@@ -212,7 +211,7 @@ class WorkQueue(GatheringDevice):
             while self.vk.vkWaitSemaphores(self.handle, self._wait_info, _WAIT_SLICE) != raw.VK_SUCCESS:
                 self._check_late()
             self._completed = value
-        if self._retired or self.lent.returned:
+        if self._retired or self.loans.returned:
             self.collect()
         if self.messages:
             self.check_messages()
@@ -291,12 +290,12 @@ class WorkQueue(GatheringDevice):
 
     def collect(self) -> None:
         """Destroy the retired objects that the device no longer uses. Calls no callback."""
-        if not (self._retired or self.lent.returned) or self.lost or self._collecting:
+        if not (self._retired or self.loans.returned) or self.lost or self._collecting:
             return
         completed = self.completed
         self._collecting = True  # objects retired during destruction join this loop, which avoids recursion
         try:
-            self.lent.collect()
+            self.loans.collect()
             while self._retired and self._retired[0][0] <= completed:
                 self._retired.popleft()[1]()
         finally:
@@ -311,7 +310,7 @@ class WorkQueue(GatheringDevice):
             waited += 1
             with suppress(DeviceError):
                 self._check_late()
-        self.lent.collect()  # what a last view's end gives back
+        self.loans.collect()  # what a last view's end gives back
         retired = [destroy for _, destroy in self._retired]
         for destroy in [*retired, *reversed(self._owned.values())]:
             destroy()

@@ -22,7 +22,6 @@ from solari_vk.base.errors import SolariError, checked_keywords
 from solari_vk.gpu.device import raw
 from solari_vk.gpu.device.barriers import full_barrier
 from solari_vk.gpu.device.command_pool import CommandPool
-from solari_vk.gpu.device.cuda_tensor import CudaTensor
 from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.device.image import Image
 from solari_vk.gpu.device.recorded import Recorded
@@ -35,6 +34,7 @@ from solari_vk.gpu.frame.stages import Aliased, Draw, DrawList, History, HitGrou
 from solari_vk.gpu.frame.uniforms import Uniforms
 from solari_vk.gpu.shaders.compiler import Roots
 from solari_vk.gpu.shaders.spirv import Binding
+from solari_vk.gpu.tensors.exports import CudaTensor
 
 __all__ = ["Aliased", "Draw", "DrawList", "Frame", "History", "HitGroup", "IfUsed", "Pass", "RayPass", "Row", "Stage",
            "Step"]  # fmt: skip
@@ -244,14 +244,14 @@ class Frame(InParts):
         resource = self.resource(name)
         cuda = self.device.cuda_for(name)
         if isinstance(resource, Image):
-            return cuda.copy(resource.record_copy, resource.level_shape(0), resource.dtype)
+            return cuda.export(resource.record_copy, resource.level_shape(0), resource.dtype)
         shape, dtype, offset = self._elements(name)
         if dtype.names:
             raise SolariError(f"there is no tensor of {name}: it has records, with {', '.join(dtype.names)}")
         if count is not None:
             shape = (count, *shape[1:])
         size = math.prod(shape) * dtype.itemsize
-        return cuda.copy(partial(resource.record_copy, size=size, offset=offset), shape, dtype)
+        return cuda.export(partial(resource.record_copy, size=size, offset=offset), shape, dtype)
 
     def _elements(self, name: str) -> tuple[tuple[int, ...], np.dtype[Any], int]:
         """Of a buffer's runtime array: its shape, the dtype of its values, and the byte offset where it begins."""

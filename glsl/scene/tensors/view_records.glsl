@@ -1,12 +1,12 @@
 // The memory of a batch's views, by address: solari_vk/batch/view_table.py.
-#ifndef SCENE_GIVEN_VIEW_RECORDS_GLSL
-#define SCENE_GIVEN_VIEW_RECORDS_GLSL
+#ifndef SCENE_TENSORS_VIEW_RECORDS_GLSL
+#define SCENE_TENSORS_VIEW_RECORDS_GLSL
 
 #include "scene/camera_records.glsl"
-#include "scene/given/numbers.glsl"
+#include "scene/tensors/numbers.glsl"
 
 // What changes seldom: cameras without poses and jitter, and frames without index, has_history and sample_jitter.
-struct GivenView {
+struct ViewInput {
     Camera camera;
     FrameValues frame;
     uint world;
@@ -14,7 +14,7 @@ struct GivenView {
 };
 
 layout(buffer_reference, scalar, buffer_reference_align = 4) buffer Views { View at[]; };
-layout(buffer_reference, scalar, buffer_reference_align = 4) readonly buffer GivenViews { GivenView at[]; };
+layout(buffer_reference, scalar, buffer_reference_align = 4) readonly buffer ViewInputs { ViewInput at[]; };
 
 layout(buffer_reference, scalar, buffer_reference_align = 8) readonly buffer FrameOfViews {
     uint shared_values[3];  // the first ones of ViewsBlock in glsl/scene/camera_block.glsl
@@ -26,7 +26,7 @@ layout(buffer_reference, scalar, buffer_reference_align = 8) readonly buffer Fra
 layout(push_constant, scalar) uniform Work {
     Words block;  // ViewsBlock
     Views views;  // its records
-    GivenViews given;
+    ViewInputs inputs;
     FrameOfViews frame;
     uint count;
 } work;

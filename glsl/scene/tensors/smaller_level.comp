@@ -1,7 +1,7 @@
 // Averages a level of an image to the next one, in the order of solari_vk/scene/images/mip_chain.py, so that it has the
 // same bits.
 #version 460
-#include "scene/given/numbers.glsl"
+#include "scene/tensors/numbers.glsl"
 
 layout(local_size_x = 8, local_size_y = 8) in;
 

@@ -9,12 +9,12 @@ import time
 
 import numpy as np
 import pytest
-from test_given_materials import CAMERA, record_of, values_of, with_ball
-from test_given_textures import check_many_images, levels_of, random_pixels, textured
+from test_material_tensors import CAMERA, record_of, values_of, with_ball
+from test_texture_tensors import check_many_images, levels_of, random_pixels, textured
 
 import solari_vk as sv
-from solari_vk.gpu.device import dlpack
-from solari_vk.gpu.device.cuda import Cuda, CudaMemory
+from solari_vk.gpu.tensors import dlpack
+from solari_vk.gpu.tensors.cuda import Cuda, CudaMemory
 from solari_vk.scene.checks import pixels as as_pixels
 from solari_vk.scene.images.mip_chain import mip_chain
 
@@ -118,7 +118,7 @@ class ElsewhereTensor:
         return self._array
 
 
-def test_what_is_given_may_be_tensors(device):
+def test_arguments_may_be_tensors(device):
     """Poses, vertices and points, wherever they are."""
     scene = sv.builtin("cornell_box")
     instance = scene.instances[0]
@@ -186,10 +186,10 @@ def test_later_frames_leave_tensors_alone(device, cuda):
                 tensor.mul(2.0)  # then it is given back while the stream may still read it
         for tensor, expected in taken:
             assert np.array_equal(tensor.cpu().numpy(), expected)
-        assert len(device.cuda._places) <= 4
+        assert device.cuda._pool.unused_count <= 4
 
 
-def test_given_tensors_stay_on_the_device(device, cuda):
+def test_tensors_of_poses_stay_on_the_device(device, cuda):
     """Poses and transforms show what arrays show; no host waits for a late stream, and no later change is seen."""
     boxes = ["short block", "tall block"]
     worlds = 4
@@ -230,14 +230,14 @@ def test_given_tensors_stay_on_the_device(device, cuda):
                     pose.zero_(), move.zero_()
                 taken.append({name: batch[name] for name in batch})
             assert not on_card or (seconds < 0.05 and time.perf_counter() - start > 0.1)
-    assert "cuda_inputs" in vars(device)
+    assert "tensor_imports" in vars(device)
     for expected, found in zip(taken[:6], taken[6:], strict=True):
         for name, values in expected.items():
             np.testing.assert_array_equal(found[name], values, name)
 
 
 @pytest.mark.parametrize("kind", ["batch", "reference", "realtime"])
-def test_given_vertices_stay_on_the_device(device, cuda, kind):
+def test_tensors_of_vertices_stay_on_the_device(device, cuda, kind):
     """A mesh shows what arrays show; no host waits for a late stream, and no later change of the tensor is seen."""
     camera = sv.Camera.look_at((1, 1, -2.5), (1, 1, 1))
     taken = []
@@ -343,7 +343,7 @@ def test_a_thousand_edits_by_tensors_keep_no_memory(device, cuda):
 
 
 @pytest.mark.parametrize("size", [(33, 18), (256, 512), (7, 1), (1025, 771)])
-def test_given_texels_have_the_bits_of_the_host(device, cuda, size):
+def test_texels_of_tensors_have_the_bits_of_the_host(device, cuda, size):
     """In all levels; no host waits for a late stream, and no later change of the tensor is seen."""
     scene, image = textured(size)
     kinds = [((4,), np.uint8), ((3,), np.float32), ((), np.float64), ((3,), np.uint8), ((4,), np.float32)]
@@ -372,7 +372,7 @@ def test_many_images_take_one_tensor(device, cuda):
     check_many_images(device, lambda array: cuda.from_numpy(array).cuda())
 
 
-def test_given_numbers_of_materials_have_the_bits_of_the_host(device, cuda):
+def test_numbers_of_materials_have_the_bits_of_the_host(device, cuda):
     records = []
     for on_card in (False, True):
         scene, paint = with_ball(clearcoat=0.5, ior=1.7)
@@ -382,7 +382,7 @@ def test_given_numbers_of_materials_have_the_bits_of_the_host(device, cuda):
         with cuda.cuda.stream(cuda.cuda.Stream()), sv.PathTracer(device, scene, SIZE) as tracer:
             tracer.render(CAMERA, samples=1)
             for seed in range(4):
-                arrays = {name: values_of(name, seed) for name in paint._on_device}
+                arrays = {name: values_of(name, seed) for name in paint._tensor_fields}
                 colors = np.random.default_rng(seed).random((3, 3)).astype(np.float32)
                 if on_card:
                     arrays = {name: cuda.tensor(array).cuda() for name, array in arrays.items()}
@@ -396,7 +396,7 @@ def test_given_numbers_of_materials_have_the_bits_of_the_host(device, cuda):
                 seconds = time.perf_counter() - start
                 if on_card:
                     [array.zero_() for array in (*arrays.values(), colors)]
-                    assert not vars(paint).keys() & set(paint._on_device)
+                    assert not vars(paint).keys() & set(paint._tensor_fields)
                 records += [record_of(tracer.binder, material).tobytes() for material in (paint, *others)]
             assert not on_card or (seconds < 0.1 and time.perf_counter() - start > 0.1)
     assert records[:16] == records[16:]

@@ -1,4 +1,4 @@
-"""Numbers of materials that tensors of CUDA give, with a library that stands in for NVIDIA's on a software device."""
+"""Numbers of materials of tensors of CUDA, with a library that stands in for NVIDIA's on a software device."""
 
 from __future__ import annotations
 
@@ -6,11 +6,11 @@ from functools import partial
 
 import numpy as np
 import pytest
-from test_cuda_input import GpuTensor, gpu  # noqa: F401  # a fixture
+from test_tensor_imports import GpuTensor, gpu  # noqa: F401  # a fixture
 
 import solari_vk as sv
-from solari_vk.bound.given_materials import COUNTS
-from solari_vk.gpu.device.cuda_input import Taken
+from solari_vk.bound.material_tensors import COUNTS
+from solari_vk.gpu.tensors.imports import DeviceTensor
 from solari_vk.scene.material import LIMITS
 
 SIZE = (24, 16)
@@ -39,14 +39,14 @@ def values_of(name, seed):
 
 def test_records_have_the_bits_of_the_host(gpu, monkeypatch):  # noqa: F811
     """Also those of other edits, and of a table that grows."""
-    given, read = [], Taken.copy
+    given, read = [], DeviceTensor.read
     for wrap in (np.asarray, partial(GpuTensor, gpu)):
         scene, paint = with_ball(clearcoat=0.5, ior=1.7)
         with sv.PathTracer(gpu, scene, SIZE) as tracer:
             tracer.render(CAMERA, samples=1)
             for seed in range(4):
-                monkeypatch.setattr(Taken, "copy", None if wrap is not np.asarray else read)
-                for name in paint._on_device:
+                monkeypatch.setattr(DeviceTensor, "read", None if wrap is not np.asarray else read)
+                for name in paint._tensor_fields:
                     setattr(paint, name, wrap(values_of(name, seed)))
                 if seed == 1:
                     paint.update(ior=1.4, emissive=3)
@@ -59,8 +59,8 @@ def test_records_have_the_bits_of_the_host(gpu, monkeypatch):  # noqa: F811
                     paint.emissive = 4
                     tracer.binder.update()
                     given.append(record_of(tracer.binder, paint).copy())
-                monkeypatch.setattr(Taken, "copy", read)
-        for name in paint._on_device:
+                monkeypatch.setattr(DeviceTensor, "read", read)
+        for name in paint._tensor_fields:
             np.testing.assert_array_equal(np.float32(getattr(paint, name)), np.float32(values_of(name, 3)), name)
     for expected, found in zip(given[:5], given[5:], strict=True):
         assert expected.tobytes() == found.tobytes(), (expected, found)

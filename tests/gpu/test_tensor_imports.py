@@ -1,4 +1,4 @@
-"""Tensors of CUDA that are given to a batch, with a library that stands in for NVIDIA's on a software device."""
+"""Tensors of CUDA that a batch accepts, with a library that stands in for NVIDIA's on a software device."""
 
 from __future__ import annotations
 
@@ -18,8 +18,9 @@ import pytest
 from test_hip import Library
 
 import solari_vk as sv
-from solari_vk.gpu.device import cuda, cuda_input, cuda_tensor, dlpack, raw
+from solari_vk.gpu.device import raw
 from solari_vk.gpu.device.device import Device
+from solari_vk.gpu.tensors import cuda, dlpack, exports, imports, shared_memory
 
 SIZE, WORLDS = (12, 8), 3
 BOXES = ["short block", "tall block"]
@@ -98,7 +99,7 @@ class CudaLibrary(Library):
     timelines = ()
 
     def shared_timeline(self, device, _, undo):
-        """In place of the function of cuda_tensor.py: lavapipe exports no semaphores."""
+        """In place of the function of shared_memory.py: lavapipe exports no semaphores."""
         kind = raw.struct("VkSemaphoreTypeCreateInfo", semaphoreType=raw.VK_SEMAPHORE_TYPE_TIMELINE)
         made = device.create("VkSemaphore", raw.struct("VkSemaphoreCreateInfo", pNext=kind), "tensors")
         undo.callback(lambda: device.vk.vkDestroySemaphore(device.handle, made, raw.NULL))
@@ -135,15 +136,15 @@ def shared(kind):
     signals for a fault of its own."""
     is_cuda = kind == "cuda"
     with pytest.MonkeyPatch.context() as patch, Device("cpu", validation=not is_cuda) as device:
-        if cuda_tensor.MEMORY not in device.extensions:
+        if shared_memory.MEMORY not in device.extensions:
             pytest.skip("needs a software device that exports memory")
         library = CudaLibrary(device) if is_cuda else Library()
         patch.setattr(cuda._ffi, "dlopen", lambda name: library, raising=False)
-        patch.setattr(cuda_tensor, "pci_address", lambda _: "0000:03:00.0")
+        patch.setattr(shared_memory, "pci_address", lambda _: "0000:03:00.0")
         if is_cuda:
-            patch.setattr(cuda_tensor, "shared_timeline", library.shared_timeline)
-        vendor = device.properties.vendor_id if is_cuda else cuda_tensor.AMD
-        device.extensions |= {cuda_tensor.SEMAPHORE}
+            patch.setattr(shared_memory, "shared_timeline", library.shared_timeline)
+        vendor = device.properties.vendor_id if is_cuda else exports.AMD
+        device.extensions |= {shared_memory.SEMAPHORE}
         device.properties = dataclasses.replace(device.properties, vendor_id=vendor, kind="discrete gpu")
         device.library = library
         yield device
@@ -266,16 +267,16 @@ def test_lamps_of_tensors_move_on_the_host(gpu):
 
 def test_tensors_use_memory_again(gpu):
     """By work that waits until it was read. Numbers that no shader takes go by the host."""
-    inputs = gpu.cuda_inputs
+    imported = gpu.tensor_imports
     calls = gpu.library.calls
     live = []
-    ways = len(inputs._ways)
+    staging = len(imported._staging)
     for index in range(9):
-        taken = inputs.take(GpuTensor(gpu, np.full((5, 4, 4), index, np.float32)))
+        tensor = imported.accept(GpuTensor(gpu, np.full((5, 4, 4), index, np.float32)))
         gpu.wait_idle()
-        assert (taken.copy() == index).all()
+        assert (tensor.read() == index).all()
         live.append(gpu.objects_in_use)
-    assert len(inputs._ways) <= ways + 2
+    assert len(imported._staging) <= staging + 2
     assert len(set(live[1:])) == 1
     if gpu.cuda.cuda.waits_for_timelines:
         [copy] = [at for at, (name, *_) in enumerate(calls) if name == "hipMemcpyDtoDAsync"][-1:]
@@ -284,13 +285,13 @@ def test_tensors_use_memory_again(gpu):
             "cuWaitExternalSemaphoresAsync",
             "cuSignalExternalSemaphoresAsync",
         ]
-    assert inputs.take(GpuTensor(gpu, np.zeros((5, 4, 4), np.float16))) is None
-    many = [inputs.take(GpuTensor(gpu, np.ones((5, 4, 4), np.float32))) for _ in range(7)]
-    assert len(inputs._ways) >= 7
-    del taken, many
+    assert imported.accept(GpuTensor(gpu, np.zeros((5, 4, 4), np.float16))) is None
+    many = [imported.accept(GpuTensor(gpu, np.ones((5, 4, 4), np.float32))) for _ in range(7)]
+    assert len(imported._staging) >= 7
+    del tensor, many
     gpu.wait_idle()
     gpu.poll()
-    assert len(inputs._ways) <= ways + 2
+    assert len(imported._staging) <= staging + 2
     assert gpu.objects_in_use == live[-1]
 
 
@@ -303,20 +304,20 @@ def test_what_tensors_gave_outlives_the_device(kind):
             batch.render(poses(0)[:1])
             mesh.positions = GpuTensor(gpu, given)
             batch.render(poses(0)[:1])
-        taken = gpu.cuda_inputs.take(GpuTensor(gpu, given))
-        part = taken.at(3)
+        tensor = gpu.tensor_imports.accept(GpuTensor(gpu, given))
+        part = tensor.at(3)
     np.testing.assert_array_equal(mesh.positions, given)
-    np.testing.assert_array_equal(part.copy(), given[3])
+    np.testing.assert_array_equal(part.read(), given[3])
     with pytest.raises(sv.DeviceError, match="a device that is closed: give it again"):
-        taken.address  # noqa: B018
+        tensor.address  # noqa: B018
 
 
 def test_work_does_not_wait_for_a_context_that_failed():
     with shared("cuda") as gpu:
-        gpu.cuda_inputs.take(GpuTensor(gpu, np.ones((3, 4, 4), np.float32)))
+        gpu.tensor_imports.accept(GpuTensor(gpu, np.ones((3, 4, 4), np.float32)))
         gpu.wait_idle()
         gpu.library.fail()
-        gpu.cuda_inputs.take(GpuTensor(gpu, np.ones((3, 4, 4), np.float32)))
+        gpu.tensor_imports.accept(GpuTensor(gpu, np.ones((3, 4, 4), np.float32)))
         with pytest.raises(sv.DeviceError, match=r"CUDA failed, so that tensors .* are lost: cuStreamQuery"):
             gpu.wait_idle()
         gpu.wait_idle()  # what doesn't need the tensor goes on
@@ -326,5 +327,5 @@ def test_streams_of_subclasses(monkeypatch):
     stream = SimpleNamespace(cuda_stream=77)
     monkeypatch.setitem(sys.modules, "torch", SimpleNamespace(cuda=SimpleNamespace(current_stream=lambda _: stream)))
     tensor = type("Tensor", (), {"__module__": "torch", "device": 0})
-    assert cuda_input._stream_of(type("Mine", (tensor,), {"__module__": "mine"})()) == 77
-    assert cuda_input._stream_of(np.zeros(1)) is None
+    assert imports._stream_of(type("Mine", (tensor,), {"__module__": "mine"})()) == 77
+    assert imports._stream_of(np.zeros(1)) is None

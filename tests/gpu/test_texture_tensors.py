@@ -1,4 +1,4 @@
-"""Texels and colors that tensors of CUDA give, with a library that stands in for NVIDIA's on a software device."""
+"""Texels and colors of tensors of CUDA, with a library that stands in for NVIDIA's on a software device."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ from functools import partial
 
 import numpy as np
 import pytest
-from test_cuda_input import GpuTensor, gpu, shared  # noqa: F401  # a fixture
-from test_given_materials import CAMERA, SIZE, values_of
-from test_given_vertices import assert_shown_alike
+from test_material_tensors import CAMERA, SIZE, values_of
+from test_mesh_tensors import assert_shown_alike
+from test_tensor_imports import GpuTensor, gpu, shared  # noqa: F401  # a fixture
 
 import solari_vk as sv
-from solari_vk.gpu.device.cuda_input import Taken
+from solari_vk.gpu.tensors.imports import DeviceTensor
 from solari_vk.scene.checks import pixels as as_pixels
 from solari_vk.scene.images.mip_chain import mip_chain
 
@@ -44,7 +44,7 @@ def test_levels_have_the_bits_of_the_host(gpu, size, monkeypatch):  # noqa: F811
     with sv.PathTracer(gpu, scene, SIZE) as tracer:
         tracer.render(CAMERA, samples=1)
         version = tracer.binder.version
-        read = Taken.copy
+        read = DeviceTensor.read
         for seed, (channels, dtype) in enumerate(
             [
                 ((4,), np.uint8),
@@ -58,10 +58,10 @@ def test_levels_have_the_bits_of_the_host(gpu, size, monkeypatch):  # noqa: F811
             given = random_pixels((*size, *channels), dtype, seed)
             if dtype == np.float32:
                 given.flat[:3] = 1, -0.0, 0.5 / 255
-            monkeypatch.setattr(Taken, "copy", None)
+            monkeypatch.setattr(DeviceTensor, "read", None)
             image.pixels = GpuTensor(gpu, given)
             tracer.binder.update()
-            monkeypatch.setattr(Taken, "copy", read)
+            monkeypatch.setattr(DeviceTensor, "read", read)
             for srgb in (True, False):
                 found, expected = levels_of(tracer.binder, image, srgb), mip_chain(as_pixels(given), srgb)
                 assert len(found) == len(expected)

@@ -1,7 +1,7 @@
 // Makes matrices of a tensor's poses for views.comp, as camera_matrices of solari_vk/batch/view_cameras.py makes them:
 // the same operations in the same order on doubles.
 #version 460
-#include "scene/given/matrices.glsl"
+#include "scene/tensors/matrices.glsl"
 
 layout(local_size_x = 64) in;
 

@@ -1,7 +1,7 @@
 // Memory that the host gives by address: numbers, such as those of a tensor, and where they go. The host puts barriers
-// around the shaders: solari_vk/bound/given_numbers.py and view_table.py.
-#ifndef SCENE_GIVEN_NUMBERS_GLSL
-#define SCENE_GIVEN_NUMBERS_GLSL
+// around the shaders: solari_vk/gpu/tensors/port.py and solari_vk/batch/view_table.py.
+#ifndef SCENE_TENSORS_NUMBERS_GLSL
+#define SCENE_TENSORS_NUMBERS_GLSL
 
 #extension GL_EXT_scalar_block_layout : require
 #extension GL_EXT_buffer_reference : require

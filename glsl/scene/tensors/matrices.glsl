@@ -1,8 +1,8 @@
-// Matrices (count, 4, 4) of a tensor, and where they go: solari_vk/bound/given_poses.py.
-#ifndef SCENE_GIVEN_MATRICES_GLSL
-#define SCENE_GIVEN_MATRICES_GLSL
+// Matrices (count, 4, 4) of a tensor, and where they go: solari_vk/gpu/tensors/port.py.
+#ifndef SCENE_TENSORS_MATRICES_GLSL
+#define SCENE_TENSORS_MATRICES_GLSL
 
-#include "scene/given/numbers.glsl"
+#include "scene/tensors/numbers.glsl"
 
 layout(push_constant, scalar) uniform Work {
     Floats floats;    // the matrices
@@ -13,7 +13,7 @@ layout(push_constant, scalar) uniform Work {
     uint is_double;
     uint step;         // from one matrix to the next, in numbers
     uint count;
-    uint what;         // a number above 0 for what is given
+    uint what;         // a number above 0 for the subject
     uint first_place;  // of records, in floats: where the first begins, and from one to the next
     uint first_step;
     uint second_place;
@@ -36,7 +36,7 @@ struct Axes {
 };
 
 // The columns of a matrix; false if it isn't affine and invertible by the rules of check_transforms in
-// solari_vk/batch/view_cameras.py, in which case the matrix is noted as wrong.
+// solari_vk/batch/view_cameras.py, in which case the refusal is recorded.
 bool read_axes(uint index, out Axes axes) {
     bool right = true;
     dvec3 columns[4];

@@ -1,6 +1,6 @@
 // Writes a tensor's transforms of an instance in each world to the records of instances, for shaders and for rays.
 #version 460
-#include "scene/given/matrices.glsl"
+#include "scene/tensors/matrices.glsl"
 
 layout(local_size_x = 64) in;
 

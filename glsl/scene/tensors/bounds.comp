@@ -1,6 +1,6 @@
 // Finds boxes around the corners of a mesh's triangles, one for each work group, or the box around such boxes.
 #version 460
-#include "scene/given/numbers.glsl"
+#include "scene/tensors/numbers.glsl"
 
 layout(local_size_x = 256) in;
 

@@ -1,4 +1,4 @@
-"""Data on a device that lights have of their own: environments' images, lamps' profiles."""
+"""The data of single lights on a device: environments' images, and light profiles (IES)."""
 
 from __future__ import annotations
 
@@ -40,11 +40,11 @@ class SharedBuffers:
     """The buffers of images and profiles, by their contents."""
 
     def __init__(self) -> None:
-        self.users: Rows[bytes | LightProfile] = Rows()  # each a light, and the OwnBuffers that has it
+        self.users: Rows[bytes | LightProfile] = Rows()  # each a light, and the LightData that has it
         self.made: dict[bytes | LightProfile, EnvironmentBuffers | ProfileBuffer] = {}
 
 
-class OwnBuffers(dict[Light, EnvironmentBuffers | ProfileBuffer]):
+class LightData(dict[Light, EnvironmentBuffers | ProfileBuffer]):
     """The buffers of each light that has an image or a profile; lights of equal ones share them.
 
     row: as EnvironmentBuffers has it. shared: with the lights of others too.
@@ -52,7 +52,8 @@ class OwnBuffers(dict[Light, EnvironmentBuffers | ProfileBuffer]):
 
     def __init__(self, device: Device, row: np.dtype[Any], shared: SharedBuffers | None = None) -> None:
         super().__init__()
-        self._device, self._row = device, row
+        self._device = device
+        self._row = row
         self._shared = SharedBuffers() if shared is None else shared
         self._data: dict[Light, tuple[Any, bytes | LightProfile]] = {}  # of each light, with its content
 
@@ -64,12 +65,14 @@ class OwnBuffers(dict[Light, EnvironmentBuffers | ProfileBuffer]):
         if data is None:
             self._drop(light)
             return True
-        shared, key = self._shared, data if isinstance(data, LightProfile) else content_of(data)
+        shared = self._shared
+        key = data if isinstance(data, LightProfile) else content_of(data)
         if key not in shared.made:
             shared.made[key] = self._make(data)
         shared.users.acquire(key, (id(self), light))  # before the same may be freed
         self._drop(light)
-        self[light], self._data[light] = shared.made[key], (data, key)
+        self[light] = shared.made[key]
+        self._data[light] = data, key
         return True
 
     def _make(self, data: Any) -> EnvironmentBuffers | ProfileBuffer:
@@ -79,11 +82,13 @@ class OwnBuffers(dict[Light, EnvironmentBuffers | ProfileBuffer]):
 
     def _drop(self, light: Light) -> None:
         """Free the buffers of a light, if it has some and is their last user."""
-        if light in self:
-            buffers, (_, key) = self.pop(light), self._data.pop(light)
-            if self._shared.users.release(key, (id(self), light)):
-                del self._shared.made[key]
-                buffers.destroy()
+        if light not in self:
+            return
+        buffers = self.pop(light)
+        _, key = self._data.pop(light)
+        if self._shared.users.release(key, (id(self), light)):
+            del self._shared.made[key]
+            buffers.destroy()
 
     def destroy(self) -> None:
         """Free all buffers."""
@@ -91,8 +96,8 @@ class OwnBuffers(dict[Light, EnvironmentBuffers | ProfileBuffer]):
             self._drop(light)
 
 
-def own_data(light: Any) -> Any:
-    """An environment's image or a lamp's profile, None for lights without one."""
+def data_of(light: Any) -> Any:
+    """The image of an environment, or the profile of a point light, None for lights without one."""
     if isinstance(light, EnvironmentLight):
         return light.image
     return light.profile if isinstance(light, PointLight) else None

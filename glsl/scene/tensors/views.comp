@@ -2,7 +2,7 @@
 // that it gives when they change, and of the cameras so far, which become the previous ones. See
 // solari_vk/batch/view_table.py.
 #version 460
-#include "scene/given/view_records.glsl"
+#include "scene/tensors/view_records.glsl"
 
 layout(local_size_x = 64) in;
 
@@ -23,8 +23,8 @@ void main() {
         for (uint i = 0u; i < 3u; i++) { work.block.at[i] = work.frame.shared_values[i]; }
     }
     bool has_history = number(CUT, view) == 0.0;
-    GivenView given = work.given.at[view];
-    Camera now = given.camera;
+    ViewInput seldom = work.inputs.at[view];
+    Camera now = seldom.camera;
     for (uint column = 0u; column < 4u; column++) {
         now.world_from_view[column] = pose_column(3u * column, view);
         now.view_from_world[column] = pose_column(12u + 3u * column, view);
@@ -32,10 +32,10 @@ void main() {
     now.jitter = vec2(number(JITTER, view), number(JITTER + 1u, view));
     Camera previous = now;
     if (has_history) { previous = work.views.at[view].current; }
-    FrameValues frame = given.frame;
+    FrameValues frame = seldom.frame;
     frame.index = work.frame.index;
     frame.has_history = uint(has_history);
     frame.sample_jitter = vec2(number(SAMPLE_JITTER, view), number(SAMPLE_JITTER + 1u, view));
     uint previous_first_instance = work.views.at[view].first_instance;
-    work.views.at[view] = View(now, previous, frame, given.world, given.first_instance, previous_first_instance);
+    work.views.at[view] = View(now, previous, frame, seldom.world, seldom.first_instance, previous_first_instance);
 }

@@ -1,4 +1,4 @@
-"""Vertices of meshes that tensors of CUDA give, with a library that stands in for NVIDIA's on a software device."""
+"""Vertices of meshes of tensors of CUDA, with a library that stands in for NVIDIA's on a software device."""
 
 from __future__ import annotations
 
@@ -9,11 +9,10 @@ from functools import partial
 import numpy as np
 import pytest
 from support.frames import GBUFFER, make_renderer
-from test_cuda_input import GpuTensor, gpu, shared  # noqa: F401  # a fixture
+from test_tensor_imports import GpuTensor, gpu, shared  # noqa: F401  # a fixture
 
 import solari_vk as sv
-from solari_vk.bound.given_numbers import is_takable
-from solari_vk.gpu.device.cuda_input import Taken
+from solari_vk.gpu.tensors.imports import DeviceTensor
 
 SIZE = (24, 16)
 CAMERA = sv.Camera.look_at((1, 1, -2.5), (1, 0.8, 1))
@@ -88,7 +87,7 @@ def assert_shown_alike(expected, found):
 )
 def test_tensors_show_what_arrays_show(gpu, kind, monkeypatch):  # noqa: F811
     """Bit by bit, with arrays and tensors one after the other, and more of them than a structure is refitted for."""
-    read, shown = Taken.copy, []
+    read, shown = DeviceTensor.read, []
     by_tensor = (1, 1, 0, *[1] * 10)
     for wrap in (lambda _: np.asarray, lambda frame: partial(GpuTensor, gpu) if by_tensor[frame] else np.asarray):
         scene, mesh = with_ball()
@@ -96,13 +95,13 @@ def test_tensors_show_what_arrays_show(gpu, kind, monkeypatch):  # noqa: F811
         taken = [next(frames)]
         for frame, (positions, normals) in enumerate(given):
             # The host reads none of them, but the normals when it gives the positions.
-            monkeypatch.setattr(Taken, "copy", None if by_tensor[frame] else read)
+            monkeypatch.setattr(DeviceTensor, "read", None if by_tensor[frame] else read)
             dtype = np.float64 if frame % 3 else np.float32
             mesh.positions = wrap(frame)(positions.astype(dtype))
             if frame % 2:
                 mesh.normals = wrap(frame)(normals.astype(dtype))
             taken.append(next(frames))
-        monkeypatch.setattr(Taken, "copy", read)
+        monkeypatch.setattr(DeviceTensor, "read", read)
         np.testing.assert_array_equal(mesh.positions, given[-1][0].astype(np.float32))
         shown.append(taken)
         frames.close()
@@ -153,8 +152,8 @@ def test_what_the_host_reads(gpu):  # noqa: F811
         assert low[1] > 2
         tracer.render(CAMERA, samples=1)
         geometry = tracer.binder.assets.geometry
-        given, corners = geometry.given, (positions + 1).astype(np.float32)[mesh.triangles].reshape(-1, 3)
-        assert mesh in given
+        tensors, corners = geometry.tensors, (positions + 1).astype(np.float32)[mesh.triangles].reshape(-1, 3)
+        assert mesh in tensors
         for _ in range(2):  # when it has moved, and when it rests again
             record = record_of(geometry, mesh)
             np.testing.assert_array_equal(record["bounds_min"], corners.min(axis=0))
@@ -165,7 +164,7 @@ def test_what_the_host_reads(gpu):  # noqa: F811
         center, _ = geometry.box(mesh)
         mesh.positions = FromHost(positions + 2)
         tracer.render(CAMERA, samples=1)
-        assert mesh not in given
+        assert mesh not in tensors
         np.testing.assert_allclose(geometry.centers[mesh] - center, 1, atol=1e-5)
 
 
@@ -183,7 +182,7 @@ def test_normals_alone_keep_the_bounds(gpu):  # noqa: F811
         before = record_of(geometry, mesh)
         mesh.normals = GpuTensor(gpu, moved(mesh, 1)[1])
         tracer.render(CAMERA, samples=1)
-        assert mesh in geometry.given
+        assert mesh in geometry.tensors
         for bound in ("bounds_min", "bounds_max"):
             np.testing.assert_array_equal(record_of(geometry, mesh)[bound], before[bound])
 
@@ -198,7 +197,7 @@ def test_others_go_on_without_a_closed_device(device, monkeypatch):
         mesh.positions = GpuTensor(gone, positions)
         with monkeypatch.context() as patch:
             patch.setattr(gone, "lost", True)
-            assert not is_takable(gone, GpuTensor(gone, positions))
+            assert not left.binder.tensors.sees(GpuTensor(gone, positions))
     with tracer:
         for given in (positions, positions + 1):
             tracer.render(CAMERA, samples=1)
@@ -238,13 +237,13 @@ def test_what_fails_is_given_again(gpu, monkeypatch):  # noqa: F811
         gpu.poll()
         record, objects = record_of(geometry, mesh), gpu.objects_in_use
         with monkeypatch.context() as patch:
-            patch.setattr(geometry.given, "_source", None)
+            patch.setattr(geometry.tensors._port, "source", None)
             with pytest.raises(TypeError):
                 tracer.render(CAMERA, samples=1)
         gpu.wait_idle()
         gpu.poll()
         assert gpu.objects_in_use == objects
-        assert (geometry.table.records[geometry.rows[mesh]], mesh in geometry.given) == (record, False)
+        assert (geometry.table.records[geometry.rows[mesh]], mesh in geometry.tensors) == (record, False)
         tracer.render(CAMERA, samples=1)
         assert record_of(geometry, mesh)["positions"] == geometry._buffers[mesh].address
 

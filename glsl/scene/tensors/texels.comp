@@ -1,7 +1,7 @@
 // Writes a tensor's pixels (height, width), (height, width, 3) or (height, width, 4) as RGBA with 8 bits per channel.
 // Texels with a wrong number stay as they are.
 #version 460
-#include "scene/given/numbers.glsl"
+#include "scene/tensors/numbers.glsl"
 
 layout(local_size_x = 8, local_size_y = 8) in;
 

@@ -13,9 +13,9 @@ from typing import Any, ClassVar
 from cffi import FFI
 
 from solari_vk.base.errors import DeviceError
-from solari_vk.gpu.device import dlpack
-from solari_vk.gpu.device.cuda_names import HEADER
-from solari_vk.gpu.device.cuda_names import HIP as _HIP
+from solari_vk.gpu.tensors import dlpack
+from solari_vk.gpu.tensors.cuda_header import HEADER
+from solari_vk.gpu.tensors.cuda_header import HIP as _HIP
 
 _OPAQUE_FD, _TIMELINE_FD, _DEDICATED = 1, 9, 1
 _ffi: Any = FFI()

@@ -1,7 +1,7 @@
 // Finds the ball around the cameras that views.comp has written: the middle of their bounds, and the largest distance
 // from it.
 #version 460
-#include "scene/given/view_records.glsl"
+#include "scene/tensors/view_records.glsl"
 
 layout(local_size_x = 256) in;
 

@@ -1,6 +1,6 @@
 // Writes a tensor's positions (count, 3) or normals of vertices to a mesh's memory. Wrong ones leave what is there.
 #version 460
-#include "scene/given/numbers.glsl"
+#include "scene/tensors/numbers.glsl"
 
 layout(local_size_x = 64) in;
 

@@ -1,0 +1,1 @@
+"""Tensors of CUDA's libraries: `port.py` accepts them for the device, `exports.py` makes them of what it rendered."""
