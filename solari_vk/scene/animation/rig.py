@@ -149,7 +149,7 @@ class Rig:
         for item, node, transform in self.placed:
             world = worlds[node] if transform is None else worlds[node] @ transform
             self._place(lights, item, None if transform is NOT_MOVED else world, bool(shown[node]))
-        # glTF 2.0, 3.7.3.1: a joint's matrix is its place in the world times its inverse bind matrix. The transform of
+        # glTF 2.0, 3.7.3: a joint's matrix is its place in the world times its inverse bind matrix. The transform of
         # the skinned mesh's own node doesn't count.
         for instance, joints, rest, joints_from_mesh in self.skins:
             places = np.where((joints >= 0)[:, None, None], worlds[joints], rest)

@@ -31,6 +31,7 @@ UP_AXES = {".obj": "y", ".ply": "y", ".stl": "z"}
 
 _BYTES_PER_BYTE = 12  # of a file, while it is read
 _BYTES_PER_PART = 2**15
+_USED_MATERIAL = re.compile(rb"(?m)^usemtl[ \t]+([^\r\n]+)")
 _PARTS = {".obj": re.compile(rb"(?m)^(?:o|g|usemtl)\b"), ".stl": re.compile(rb"endsolid")}
 _BYTES_PER_TRIANGLE, _WORKING_BYTES = 150, 900  # of a triangle, and while its normals are made
 _MOST_ELEMENTS, _MOST_PROPERTIES = 16, 256
@@ -57,25 +58,50 @@ def load_mesh_file(
     turn = _upright(up or UP_AXES[path.suffix.lower()]) * unit
     scene = Scene(name=path.stem)
     files = MtlFiles(path.parent)
-    kind = path.suffix[1:].lower()
-    reader = library("trimesh.exchange.load", str(path)).mesh_loaders[kind]
-    log = library("trimesh.util", str(path)).log
+    reader = library("trimesh.exchange.load", str(path)).mesh_loaders[path.suffix[1:].lower()]
     data = read_regular(path, str(path))
+    _charge_file(path, data)
+    read = _parse(reader, path, data, files)
+    for name, part in read.get("geometry", {path.stem: read}).items():
+        material = getattr(getattr(part.get("visual"), "material", None), "name", None)
+        _add(scene, path, str(name), part, files.material(str(material)), turn)
+    if strict and files.failures:
+        raise SolariError(f"{path}: {files.failures[0]}")
+    is_obj = path.suffix.lower() == ".obj"
+    _report_materials(scene, files, _USED_MATERIAL.findall(data) if is_obj else [])
+    if not scene.instances:
+        reason = scene.warnings[-1] if scene.warnings else "has no triangles"
+        raise SolariError(f"{path}: {reason}: give a file with a surface")
+    return scene
+
+
+def _charge_file(path: Path, data: bytes) -> None:
+    """Charge what trimesh takes for a file, before it does."""
     charge(_BYTES_PER_BYTE * len(data), str(path), "its meshes")
-    if kind == "ply":
+    pattern = _PARTS.get(path.suffix.lower())
+    if pattern is None:
         _check_ply(data, str(path))
     else:
-        parts = sum(1 for _ in _PARTS[path.suffix.lower()].finditer(data))
+        parts = sum(1 for _ in pattern.finditer(data))
         charge(_BYTES_PER_PART * parts, str(path), f"its {parts:,} parts")
+
+
+def _parse(reader: Any, path: Path, data: bytes, files: MtlFiles) -> dict[str, Any]:
+    """What trimesh reads: the arrays of a mesh, or of several under "geometry". reader: for the kind of file."""
 
     def silence(_: object) -> bool:
         return False
 
+    kind = path.suffix[1:].lower()
+    log = library("trimesh.util", str(path)).log
     log.addFilter(silence)  # it would print the tracebacks of what it recovers from
     try:
         # Of a .ply file's materials there are only images, which hold no more than the colors of its vertices.
-        with warnings.catch_warnings(action="ignore"):  # of numpy, about numbers that are refused below
-            read = reader(io.BytesIO(data), file_type=kind, resolver=files, skip_materials=kind == "ply")
+        with warnings.catch_warnings(action="ignore"):  # of numpy, about numbers that are refused later
+            read: dict[str, Any] = reader(
+                io.BytesIO(data), file_type=kind, resolver=files, skip_materials=kind == "ply"
+            )
+            return read
     except MemoryError:
         raise SolariError(f"{path}: too large for this machine's memory") from None
     except Exception as error:  # trimesh raises many types of exceptions for damaged files
@@ -83,24 +109,18 @@ def load_mesh_file(
         raise SolariError(f"{path}: a damaged {path.suffix} file ({reason}): export it again") from None
     finally:
         log.removeFilter(silence)
-    for name, part in read.get("geometry", {path.stem: read}).items():
-        material = getattr(getattr(part.get("visual"), "material", None), "name", None)
-        _add(scene, path, str(name), part, files.material(str(material)), turn)
-    if strict and files.failures:
-        raise SolariError(f"{path}: {files.failures[0]}")
+
+
+def _report_materials(scene: Scene, files: MtlFiles, used: list[bytes]) -> None:
+    """Add what is missing of materials to the scene's warnings. used: the names of materials that the file has."""
     scene.warnings.extend(files.failures)
     warn_of_missing(files.failures)
-    used = re.findall(rb"(?m)^usemtl[ \t]+([^\r\n]+)", data) if kind == "obj" else ()
     unknown = {" ".join(name.decode("utf-8", "replace").split()) for name in used} - files.fields.keys()
     if unknown:
         names = ", ".join(sorted(unknown))
         scene.warnings.append(f"materials that no .mtl file has are replaced by a gray one: {names}")
     if files.ignored:
         scene.warnings.append(f"fields and options of the .mtl file that are ignored: {', '.join(files.ignored)}")
-    if not scene.instances:
-        reason = scene.warnings[-1] if scene.warnings else "has no triangles"
-        raise SolariError(f"{path}: {reason}: give a file with a surface")
-    return scene
 
 
 def _add(
@@ -130,28 +150,33 @@ def _add(
     if not len(triangles):
         scene.warnings.append(f"parts whose triangles have no area are left out: '{name}'")
         return
-    colors = _colors(part.get("vertex_colors"), len(positions))
     if part.get("face_colors") is not None:
         scene.warnings.append(f"colors of faces are ignored: '{name}'")
-    uvs = _rows(getattr(part.get("visual"), "uv", None), 2, len(positions))
+    mesh = _mesh(name, part, positions, triangles, turn)
+    scene.add(Instance(mesh, material if material is not None else _plain(mesh.colors is not None), name=name))
+
+
+def _mesh(
+    name: str, part: dict[str, Any], positions: NDArray[np.float64], triangles: NDArray[Any], turn: NDArray[np.float64]
+) -> Mesh:
+    """The mesh of a part, with the file's normals or smooth ones."""
+    colors = _colors(part.get("vertex_colors"), len(positions))
+    uvs: Any = _rows(getattr(part.get("visual"), "uv", None), 2, len(positions))
     normals: Any = _rows(part.get("vertex_normals"), 3, len(positions))
     if normals is None:
+        # Sharp edges split vertices, so that all else is needed for the split ones.
         source, normals, triangles = smooth_normals(positions, triangles)
-        positions, colors = positions[source], None if colors is None else colors[source]
+        positions = positions[source]
+        colors = None if colors is None else colors[source]
         uvs = None if uvs is None else uvs[source]
     else:
         normals = normalized(normals @ turn.T)
         normals[~normals.any(axis=1)] = (0, 1, 0)
-    flipped: Any = None if uvs is None else np.array([0, 1]) + np.array([1, -1]) * uvs
-    mesh = Mesh(
-        positions.astype(np.float32),
-        triangles.astype(np.uint32),
-        normals=normals,
-        uvs=flipped,
-        colors=colors,
-        name=name,
+    if uvs is not None:
+        uvs = np.array([0, 1]) + np.array([1, -1]) * uvs  # v increases upwards in these files, downwards in glTF
+    return Mesh(
+        positions.astype(np.float32), triangles.astype(np.uint32), normals=normals, uvs=uvs, colors=colors, name=name
     )
-    scene.add(Instance(mesh, material if material is not None else _plain(colors is not None), name=name))
 
 
 def _plain(colored: bool) -> Material:
@@ -192,13 +217,7 @@ def _check_ply(data: bytes, who: str) -> None:
     header = _PLY_HEADER.match(data)
     if header is None:
         raise SolariError(f"{who}: its header is missing or too long: export it again")
-    counts, properties = list[int](), list[int]()
-    for line in _PLY_LINE.finditer(header[0]):
-        if line[1]:
-            counts.append(int(line[1]))
-            properties.append(0)
-        elif properties:
-            properties[-1] += 1
+    counts, properties = _ply_elements(header[0])
     if len(counts) > _MOST_ELEMENTS or sum(properties) > _MOST_PROPERTIES:
         raise SolariError(
             f"{who}: has {len(counts)} elements and {sum(properties)} properties; at most "
@@ -208,10 +227,29 @@ def _check_ply(data: bytes, who: str) -> None:
     if values > len(data):
         raise SolariError(f"{who}: says that it has {values:,} values, but has {len(data):,} bytes: export it again")
     if b"ascii" in header[0][:100]:
-        lines = data[header.end() :].split(b"\n")
-        start, uneven = 0, 0
-        for count, width in zip(counts, properties, strict=True):
-            if len({len(line.split()) for line in lines[start : start + count]}) > 1:
-                uneven += count * width
-            start += count
-        charge(_BYTES_PER_LINE * len(lines) + _BYTES_PER_VALUE * uneven, who, "its lines")
+        _charge_ply_lines(data[header.end() :].split(b"\n"), counts, properties, who)
+
+
+def _ply_elements(header: bytes) -> tuple[list[int], list[int]]:
+    """For each kind of element, such as vertices and faces, how many the file has, and their number of properties."""
+    counts: list[int] = []
+    properties: list[int] = []
+    for line in _PLY_LINE.finditer(header):
+        if line[1]:
+            counts.append(int(line[1]))
+            properties.append(0)
+        elif properties:
+            properties[-1] += 1
+    return counts, properties
+
+
+def _charge_ply_lines(lines: list[bytes], counts: list[int], properties: list[int], who: str) -> None:
+    """Charge the lines of a text file. Elements whose lines differ in length, such as faces of triangles and quads,
+    trimesh makes an array each."""
+    start = 0
+    uneven = 0
+    for count, width in zip(counts, properties, strict=True):
+        if len({len(line.split()) for line in lines[start : start + count]}) > 1:
+            uneven += count * width
+        start += count
+    charge(_BYTES_PER_LINE * len(lines) + _BYTES_PER_VALUE * uneven, who, "its lines")

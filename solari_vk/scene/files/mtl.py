@@ -75,30 +75,45 @@ class MtlFiles:
         given = {key.lower(): value for key, value in fields.items()}
         known = {*_KNOWN, *_HARMLESS, *_TEXTURES}
         self.ignored |= dict.fromkeys(key for key in fields if key and key[0] != "#" and key.lower() not in known)
-        found: dict[str, Any] = {"name": name, "double_sided": True, "base_color": _numbers(given.get("kd"), 0.8, 1.0)}
+        textures: dict[str, Any] = {}
         for key, field in _TEXTURES.items():
-            if key in given and (image := self._image(self._without_options(given[key]))) is not None:
-                found[field] = image
-        if "base_color_texture" in found and not found["base_color"].any():
-            found["base_color"] = np.ones(3)  # some programs write black beside a texture
+            image = self._image(self._without_options(given[key])) if key in given else None
+            if image is not None:
+                textures[field] = image
+        color = _numbers(given.get("kd"), 0.8, 1.0)
         emissive = _numbers(given.get("ke"), 0.0, 1e9)
-        found["emissive"] = np.ones(3) if "emissive_texture" in found and not emissive.any() else emissive
-        # The width of Blinn's highlight with the exponent Ns: Walter et al., "Microfacet models for refraction".
+        # Some programs write black beside a texture, which is meant to be seen.
+        if "base_color_texture" in textures and not color.any():
+            color = np.ones(3)
+        if "emissive_texture" in textures and not emissive.any():
+            emissive = np.ones(3)
+        # The width of Blinn's highlight with the exponent Ns: Walter et al., "Microfacet models for refraction" (2007).
         alpha = math.sqrt(2 / (_number(given.get("ns"), 30.0, 1e9) + 2))
-        found["perceptual_roughness"] = _number(given.get("pr"), min(math.sqrt(alpha), 1.0), 1.0)
-        found["metallic"] = _number(given.get("pm"), 0.0, 1.0)
+        # F0 = ((n - 1) / (n + 1))^2 = 0.16 reflectance^2. A file without Ni means the usual 1.5, and so does Ni 1.
         index = max(_number(given.get("ni"), 1.5, 10.0), 1.0)
-        found["reflectance"] = (index - 1) / (index + 1) / 0.4 if index > 1 else 0.5
-        found["alpha"] = _number(given.get("d"), 1.0 - _number(given.get("tr"), 0.0, 1.0), 1.0)
-        found["alpha_mode"] = "blend" if found["alpha"] < 1 else "opaque"
-        return Material(**found)
+        reflectance: Any = (index - 1) / (index + 1) / 0.4 if index > 1 else 0.5
+        opacity = _number(given.get("d"), 1.0 - _number(given.get("tr"), 0.0, 1.0), 1.0)
+        return Material(
+            name=name,
+            double_sided=True,
+            base_color=color,
+            emissive=emissive,
+            perceptual_roughness=_number(given.get("pr"), min(math.sqrt(alpha), 1.0), 1.0),
+            metallic=_number(given.get("pm"), 0.0, 1.0),
+            reflectance=reflectance,
+            alpha=opacity,
+            alpha_mode="blend" if opacity < 1 else "opaque",
+            **textures,
+        )
 
     def _without_options(self, value: str) -> str:
         """The name of a texture's file, which stands behind options and may have spaces."""
-        while found := _OPTION.match(value):
-            if found[1].lower() not in _HARMLESS_OPTIONS:
-                self.ignored[f"-{found[1]}"] = None
-            value = value[found.end() :]
+        option = _OPTION.match(value)
+        while option is not None:
+            if option[1].lower() not in _HARMLESS_OPTIONS:
+                self.ignored[f"-{option[1]}"] = None
+            value = value[option.end() :]
+            option = _OPTION.match(value)
         return value
 
     def _image(self, name: str) -> TextureImage | None:

@@ -283,7 +283,7 @@ class _Loader:
         # Of a skin's node only the winding order counts, which a negative determinant turns around.
         mirrored = skin is not None and _is_mirroring(node.world)
         parts = self._parts(node, mesh, skin is not None)
-        # glTF 2.0, 3.7.3.1: the place of a skinned mesh follows from its joints alone.
+        # glTF 2.0, 3.7.3: the place of a skinned mesh follows from its joints alone.
         for local in repeated(node, self._accessors) if skin is None else np.eye(4)[None]:
             where = self._place(node, local, skin is not None)
             if where is None:

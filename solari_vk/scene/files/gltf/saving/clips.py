@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Iterable
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,6 +28,19 @@ _ROUNDING = 1e-5  # of coordinates, relative to the largest
 _AT_REST = "clips play from the pose in which the file was loaded, in which these are written"
 
 
+class _Attachment(NamedTuple):
+    """How an object follows a rig."""
+
+    node: int | None
+    """The rig's node, None for what only has joints or weights."""
+    local: Any
+    """The matrix from the object to the node; None is the identity, NOT_MOVED what only becomes visible with it."""
+    skin: Any
+    """The joints, world from joint of those that never move, and the inverse bind matrices."""
+    weights: Any
+    """The node whose weights its morph targets have, and these at rest."""
+
+
 class RigNodes:
     """Writes the nodes of a rig, and the objects of a scene that hang on them."""
 
@@ -41,7 +55,11 @@ class RigNodes:
         done: set[Any],
     ) -> None:
         """done: the objects that are written, to which it adds its own."""
-        self._content, self._nodes, self._rig, self._scene, self._variants = content, nodes, rig, scene, variants
+        self._content = content
+        self._nodes = nodes
+        self._rig = rig
+        self._scene = scene
+        self._variants = variants
         self._done = done
         self._meshes_of: dict[int, list[int]] = {}  # by the rig's node: the nodes whose morph targets it weighs
         moved = {channel.node for clip in clips for channel in clip.channels if channel.path in _PARTS}
@@ -49,13 +67,13 @@ class RigNodes:
         self._rows: list[int] = []
         for row in range(rig.count):
             self._rows.append(self._add(row, row in moved))
-        worlds, self._shown = rig.at_rest()
+        self._worlds, self._shown = rig.at_rest()
         skins = {instance: skin for instance, *skin in rig.skins}
         weights = {instance: (node, resting) for instance, node, resting in rig.weighted}
         placed = {item: (node, local) for item, node, local in rig.placed}
         for item in dict.fromkeys((*placed, *skins, *weights)):
             node, local = placed.get(item, (None, None))
-            self._hang(item, node, local, skins.get(item), weights.get(item), worlds)
+            self._write(item, _Attachment(node, local, skins.get(item), weights.get(item)))
 
     def _add(self, row: int, moved: bool) -> int:
         rig = self._rig
@@ -78,59 +96,76 @@ class RigNodes:
             self._bases[key] = self._nodes.place(None, matrix, visible=visible)
         return self._bases[key]
 
-    def _hang(self, item: Any, node: int | None, local: Any, skin: Any, weights: Any, worlds: NDArray[Any]) -> None:
-        parent = None if node is None else self._rows[node]
-        if isinstance(item, Instance | Camera):
-            if item not in (self._scene.instances if isinstance(item, Instance) else self._scene.cameras):
-                return
-        elif item not in self._scene.lights and self._rig.shown[item]:
+    def _write(self, item: Any, attachment: _Attachment) -> None:
+        """Write an object below the node that it follows, unless it isn't in the scene or is written already."""
+        if not self._is_in_scene(item):
             return
         if item in self._done:
             self._content.lose("what follows the clips of two rigs follows the first alone", item.describe())
             return
         self._done.add(item)
+        self._check_rest(item, attachment)
+        parent = None if attachment.node is None else self._rows[attachment.node]
+        local = attachment.local
         matrix = np.eye(4) if local is None or local is NOT_MOVED else local
-        visible = True
-        if node is not None:
-            visible = not isinstance(item, Instance) or item.visible or not self._rig.shown[item]
-            world = None if local is NOT_MOVED else worlds[node] @ matrix
-            if not self._is_at_rest(item, world, bool(self._shown[node]), visible):
-                self._content.lose(_AT_REST, item.describe())
-        if isinstance(item, Camera):
+        if isinstance(item, Instance):
+            self._write_instance(item, attachment, parent, matrix)
+        elif isinstance(item, Camera):
             cameras = self._scene.cameras
             is_default = len(cameras) > 1 and item is (self._scene._camera or cameras[0])
             self._nodes.camera(parent, item, matrix, extras={EXTRAS: {DEFAULT: True}} if is_default else None)
-        elif not isinstance(item, Instance):
-            self._nodes.light(parent, item, matrix)
         else:
-            if node is None or local is NOT_MOVED:
-                matrix = item.transform
-            number = None if skin is None else self._skin(item, skin, worlds)
-            turned = self._rig.sides.get(item, (0, 1))[1] < 0
-            written = self._nodes.instance(
-                parent,
-                item,
-                matrix,
-                variants=self._variants.get(item, ()),
-                skin=number,
-                mesh=self._rig.inside_out(item.mesh) if turned else None,
-                weights=None if weights is None else weights[1],
-                visible=visible if node is not None else item.visible,
-                extras=node_extras(self._scene, item),
-            )
-            if weights is not None:
-                self._meshes_of.setdefault(weights[0], []).append(written)
+            self._nodes.light(parent, item, matrix)
+
+    def _is_in_scene(self, item: Any) -> bool:
+        """Whether an object is in the scene; a light isn't while its node is hidden, but belongs to it."""
+        if isinstance(item, Instance):
+            return item in self._scene.instances
+        if isinstance(item, Camera):
+            return item in self._scene.cameras
+        return item in self._scene.lights or not self._rig.shown[item]
+
+    def _is_visible(self, instance: Instance, attachment: _Attachment) -> bool:
+        """Whether an instance's own node is visible: not if the user has hidden what the rig shows."""
+        return instance.visible or (attachment.node is not None and not self._rig.shown[instance])
+
+    def _check_rest(self, item: Any, attachment: _Attachment) -> None:
+        """Warn of an object that isn't where its node rests, where a reader will find it."""
+        node = attachment.node
+        if node is None:
+            return
+        local = np.eye(4) if attachment.local is None else attachment.local
+        world = None if attachment.local is NOT_MOVED else self._worlds[node] @ local
+        visible = not isinstance(item, Instance) or self._is_visible(item, attachment)
+        if not self._is_at_rest(item, world, bool(self._shown[node]), visible):
+            self._content.lose(_AT_REST, item.describe())
+
+    def _write_instance(self, instance: Instance, attachment: _Attachment, parent: int | None, matrix: Matrix) -> None:
+        if attachment.node is None or attachment.local is NOT_MOVED:
+            matrix = instance.transform
+        # The mesh of a mirrored skin is inside out, as `Rig.inside_out` says; the file has the original.
+        is_turned = self._rig.sides.get(instance, (0, 1))[1] < 0
+        weights = attachment.weights
+        written = self._nodes.instance(
+            parent,
+            instance,
+            matrix,
+            variants=self._variants.get(instance, ()),
+            skin=None if attachment.skin is None else self._skin(instance, attachment.skin),
+            mesh=self._rig.inside_out(instance.mesh) if is_turned else None,
+            weights=None if weights is None else weights[1],
+            visible=self._is_visible(instance, attachment),
+            extras=node_extras(self._scene, instance),
+        )
+        if weights is not None:
+            self._meshes_of.setdefault(weights[0], []).append(written)
 
     def _is_at_rest(self, item: Any, world: Matrix | None, shown: bool, visible: bool) -> bool:
         """Whether an object is where its node rests and, unless the user has hidden it, visible as there.
 
         world: from the object at rest to the world, None for what isn't moved."""
         if isinstance(item, Instance):
-            try:
-                placed = world is None or _are_near(item.transform, checks.affine_transform(world))
-            except ValueError:  # hidden until a clip gives it a size
-                return not item.visible
-            return placed and (item.visible == shown or not visible)
+            return _is_instance_at_rest(item, world, shown, visible)
         upright_world = None if world is None else upright(world)
         if isinstance(item, Camera):
             return upright_world is None or _are_near(item.transform, upright_world)
@@ -138,15 +173,18 @@ class RigNodes:
         near = (_are_near(getattr(item, name), value) for name, value in expected.items())
         return all(near) and (item in self._scene.lights) == shown
 
-    def _skin(self, item: Instance, skin: Any, worlds: NDArray[Any]) -> int:
+    def _skin(self, item: Instance, skin: Any) -> int:
         joints, rest, joints_from_mesh = skin
         if not np.array_equal(item.transform, np.eye(4)):
             self._content.lose("skins that follow clips lose the transform of their own", item.describe())
-        resting = np.where((joints >= 0)[:, None, None], worlds[joints], rest) @ joints_from_mesh
+        resting = np.where((joints >= 0)[:, None, None], self._worlds[joints], rest) @ joints_from_mesh
         if item.joint_matrices is not None and not _are_near(item.joint_matrices[:, :3], resting[:, :3]):
             self._content.lose(_AT_REST, item.describe())
-        found = [self._rows[joint] if joint >= 0 else self._base_of(rest[j]) for j, joint in enumerate(joints)]
-        return self._nodes.skin(item, found, joints_from_mesh)
+        nodes = [
+            self._rows[joint] if joint >= 0 else self._base_of(matrix)
+            for joint, matrix in zip(joints, rest, strict=True)
+        ]
+        return self._nodes.skin(item, nodes, joints_from_mesh)
 
     def _base_of(self, matrix: NDArray[Any]) -> int:
         key = matrix.tobytes(), None
@@ -170,7 +208,7 @@ class RigNodes:
         else:
             self._content.lose("clips that move nothing of the scene aren't written", clip.describe())
 
-    def settle(self) -> None:
+    def state_properties(self) -> None:
         """Have materials, cameras and lights state what clips change, such as an emission's color and strength, as
         their file did; the rest of them stays as it is now. All are written before."""
         changed: dict[AnimatedObject, dict[Any, Any]] = {}
@@ -182,14 +220,20 @@ class RigNodes:
         for item, values in changed.items():
             if not item.is_at_rest(values):
                 self._content.lose(_AT_REST, item.items[0].describe())
-            for written in filter(None, map(self._content.written.get, item.items)):
+            for _, data in self._written(item.items):
                 for path, value in item.stated(values).items():
-                    self._put(written[1], path, value)
+                    self._put(data, path, value)
+
+    def _written(self, items: Iterable[Any]) -> list[tuple[str, dict[str, Any]]]:
+        """The pointers to objects, and what is written of them; without those that aren't written."""
+        written = self._content.written
+        return [written[item] for item in items if item in written]
 
     def _put(self, data: dict[str, Any], path: tuple[str, ...], value: Any) -> None:
         if not has_texture(data, path):
             return
-        for place in (place for place, key in enumerate(path) if key == "extensions"):
+        # Each extension that the path leads through is named among those that the file uses.
+        for place in [place for place, key in enumerate(path) if key == "extensions"]:
             owner = data
             for key in path[:place]:
                 owner = owner[key]
@@ -200,7 +244,7 @@ class RigNodes:
         item, path, _ = self._rig.properties[channel.node]
         found = []
         items = item.items if isinstance(item, AnimatedObject) else ()
-        for pointer, data in filter(None, map(self._content.written.get, items)):
+        for pointer, data in self._written(items):
             if has_texture(data, path):
                 found.append({"path": "pointer"})
                 self._content.use(POINTER, {"pointer": "/".join((pointer, *path))}, found[-1])
@@ -221,13 +265,16 @@ class RigNodes:
 
     def _sampler(self, channel: Channel) -> dict[str, Any]:
         times = np.array(channel.times, np.float32)
-        for key in range(1, len(times)):  # which glTF wants to ascend without equal ones
+        # glTF 2.0, 3.11: times ascend strictly. Equal ones, such as of a jump, become the next number of 32 bits.
+        for key in range(1, len(times)):
             times[key] = max(times[key], np.nextafter(times[key - 1], np.float32(np.inf)))
         values: Any = channel.values
         interpolation, dtype = channel.interpolation, "f4"
         if channel.path == "visible":
-            held = values if interpolation != "CUBICSPLINE" else values[:, 1]
-            values, interpolation, dtype = (held > 0).reshape(-1), "STEP", "u1"
+            states = values[:, 1] if interpolation == "CUBICSPLINE" else values
+            values = (states > 0).reshape(-1)
+            interpolation = "STEP"
+            dtype = "u1"
         elif channel.path == "weights":
             values = values.reshape(-1)
         else:
@@ -237,6 +284,14 @@ class RigNodes:
         output = self._content.accessor(values, dtype)
         sampler = {"input": self._content.accessor(times, use="times"), "output": output}
         return sampler | ({} if interpolation == "LINEAR" else {"interpolation": interpolation})
+
+
+def _is_instance_at_rest(instance: Instance, world: Matrix | None, shown: bool, visible: bool) -> bool:
+    try:
+        is_placed = world is None or _are_near(instance.transform, checks.affine_transform(world))
+    except ValueError:  # hidden until a clip gives it a size
+        return not instance.visible
+    return is_placed and (instance.visible == shown or not visible)
 
 
 def _are_near(a: NDArray[Any], b: NDArray[Any]) -> bool:

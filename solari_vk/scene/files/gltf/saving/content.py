@@ -16,6 +16,7 @@ from solari_vk.base.errors import SolariError, warn
 from solari_vk.base.files import write_both, write_whole
 
 LARGEST_GLB = 2**32 - 2**20  # bytes, which the file counts in 32 bits
+# The codes of glTF 2.0, 3.6.2.2 (componentType) and 5.11 (target), which are OpenGL's.
 _COMPONENTS = {"u1": 5121, "u2": 5123, "u4": 5125, "f4": 5126}
 _KINDS = {1: "SCALAR", 2: "VEC2", 3: "VEC3", 4: "VEC4", 16: "MAT4"}
 _VERTICES, _CORNERS = 34962, 34963
@@ -55,6 +56,7 @@ class Content:
 
     def view(self, data: bytes, target: int | None = None) -> int:
         """A buffer view of these bytes."""
+        # glTF 2.0, 3.6.2.4: accessors begin at multiples of their components' sizes.
         padding = -self._size % 4
         self._data.append(b"\0" * padding + data)
         offset = self._size + padding
@@ -104,6 +106,7 @@ class Content:
 
 def glb(text: bytes, binary: bytes) -> bytes:
     """A .glb file of a JSON text and a buffer."""
+    # glTF 2.0, 4.4.3: chunks end at multiples of four bytes, JSON by spaces and binary data by zeros.
     text += b" " * (-len(text) % 4)
     binary += b"\0" * (-len(binary) % 4)
     chunks = struct.pack("<II", len(text), 0x4E4F534A) + text

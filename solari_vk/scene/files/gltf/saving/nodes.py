@@ -61,8 +61,11 @@ class Nodes:
         below one more, by the decomposition into singular values."""
         axes = matrix[:3, :3]
         lengths = np.linalg.norm(axes, axis=0)
+        # 1e-300 keeps the cosines of an axis of no length from being NaN.
         cosines = axes.T @ axes / np.maximum(np.outer(lengths, lengths), 1e-300)
         if np.abs(cosines - np.diag(np.diag(cosines))).max() > _SHEAR:
+            # axes = turned diag(sizes) turn: the node below turns, the one above scales along its axes and turns again.
+            # `sides` puts a mirroring into the one above.
             turned, sizes, turn = np.linalg.svd(axes)
             sides = np.array((1, 1, np.sign(np.linalg.det(turn))))
             above = matrix.copy()
@@ -73,9 +76,12 @@ class Nodes:
         return self.add(parent, matrix=None if whole else _by_columns(matrix), **fields)
 
     def finish(self) -> list[int]:
-        """The nodes of the scene. Joints need a common root, which others may have too."""
+        """The nodes of the scene."""
+        # glTF 2.0, 3.7.3.2: the joints of a skin have a common root. Others may have it too, but nodes with skins are
+        # recommended to be roots themselves, because the transforms above them don't count.
         if self._skins and len(self.roots) > 1:
-            roots, self.roots = self.roots, []
+            roots = self.roots
+            self.roots = []
             self.add(None, children=roots)
         return self.roots + self._skinned_roots
 
@@ -147,9 +153,11 @@ class Nodes:
         if isinstance(light, PointLight) and light.profile:
             return self._luminaire(parent, light, light.profile, matrix)
         if isinstance(light, DirectionalLight):
-            kind, intensity = "directional", light.illuminance
+            kind = "directional"
+            intensity = light.illuminance
         elif isinstance(light, PointLight | SpotLight):
-            kind, intensity = "spot" if isinstance(light, SpotLight) else "point", light.intensity
+            kind = "spot" if isinstance(light, SpotLight) else "point"
+            intensity = light.intensity
         else:
             self._content.lose("lights of a kind that glTF doesn't have aren't written", light.describe())
             return None
@@ -185,7 +193,8 @@ class Nodes:
         number = self.place(parent, _facing(light) if matrix is None else matrix, name=light.name)
         color, intensity = self._color(light, light.intensity)
         fields = {"light": self._profiles[profile], "multiplier": intensity / (profile.peak or 1.0), "color": color}
-        if own := write_own(light, OWN_OF_PROFILES):
+        own = write_own(light, OWN_OF_PROFILES)
+        if own:
             fields["extras"] = own
         self._content.use(PROFILES, fields, self._content.json["nodes"][number])
         self._content.written[light] = f"/nodes/{number}", self._content.json["nodes"][number]

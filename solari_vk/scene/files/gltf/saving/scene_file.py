@@ -16,7 +16,7 @@ from solari_vk.scene.files.gltf.saving.shapes import Shapes, Variants
 from solari_vk.scene.files.gltf.saving.skies import add_sky
 from solari_vk.scene.files.gltf.saving.surfaces import Surfaces
 from solari_vk.scene.lights.environment import EnvironmentLight
-from solari_vk.scene.model import Scene
+from solari_vk.scene.model import Camera, Scene
 from solari_vk.scene.objects import Instance
 
 
@@ -40,20 +40,30 @@ class _Writer:
     def add(self, scene: Scene) -> None:
         """Write a scene. Its default camera comes first, or is marked where it follows a clip."""
         variants = self._variants(scene)
-        clips = list(scene.animations)
-        rigs = dict.fromkeys(clip.rig for clip in clips)
-        default = scene._camera
-        cameras = [*dict.fromkeys(([default] if default is not None else []) + list(scene.cameras))]
-        follows = {item for rig in rigs for item, *_ in rig.placed} & set(scene.cameras)
-        first = cameras[0] if cameras else None
-        if first is not None and first not in follows:
-            self._nodes.camera(None, first, first.transform)
-        done: set[Any] = {first} - follows
+        rigs = dict.fromkeys(clip.rig for clip in scene.animations)
+        cameras = _cameras(scene)
+        followers = {item for rig in rigs for item, *_ in rig.placed} & set(scene.cameras)
+        done: set[Any] = set()
+        # Readers take a file's first camera. One that follows a clip is written with its rig, and is marked there.
+        if cameras and cameras[0] not in followers:
+            self._nodes.camera(None, cameras[0], cameras[0].transform)
+            done.add(cameras[0])
         rows: list[tuple[RigNodes, list[Animation]]] = []
         for rig in rigs:
-            of_rig = [clip for clip in clips if clip.rig is rig]
-            written = RigNodes(self._content, self._nodes, rig, of_rig, scene, variants, done)
-            rows.append((written, of_rig))
+            clips = [clip for clip in scene.animations if clip.rig is rig]
+            rows.append((RigNodes(self._content, self._nodes, rig, clips, scene, variants, done), clips))
+        self._add_still(scene, cameras, variants, done)
+        # What clips change is stated when all of it is written.
+        for rig_nodes, clips in rows:
+            rig_nodes.state_properties()
+            for clip in clips:
+                rig_nodes.animation(clip)
+        self._finish(scene)
+
+    def _add_still(
+        self, scene: Scene, cameras: list[Camera], variants: dict[Instance, Variants], done: set[Any]
+    ) -> None:
+        """Write the instances, cameras and lights that no clip moves. done: what is written."""
         for instance in scene.instances:
             if instance not in done:
                 self._nodes.instance(
@@ -70,11 +80,6 @@ class _Writer:
         for light in scene.lights:
             if light not in done and not isinstance(light, EnvironmentLight):
                 self._nodes.light(None, light)
-        for written, of_rig in rows:
-            written.settle()
-            for clip in of_rig:
-                written.animation(clip)
-        self._finish(scene)
 
     def _finish(self, scene: Scene) -> None:
         entry: dict[str, Any] = {}
@@ -94,3 +99,9 @@ class _Writer:
         if scene.variants:
             self._content.use(VARIANTS, {"variants": [{"name": name} for name in scene.variants]})
         return {instance: tuple(rows) for instance, rows in found.items()}
+
+
+def _cameras(scene: Scene) -> list[Camera]:
+    """The cameras of a scene, the default one first."""
+    default = [] if scene._camera is None else [scene._camera]
+    return [*dict.fromkeys([*default, *scene.cameras])]

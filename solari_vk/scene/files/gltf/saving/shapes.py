@@ -42,16 +42,18 @@ class Shapes:
         if key not in self._meshes:
             users = (material, *(other for _, other in variants))
             mesh = self._with_tangents(mesh, users)
-            textures = [texture for one in users for name in TEXTURES if (texture := getattr(one, name)) is not None]
+            textures = [getattr(user, name) for user in users for name in TEXTURES]
+            uv_sets = {texture.uv_set for texture in textures if texture is not None}
             primitive: dict[str, Any] = {
-                "attributes": self._all(mesh, {texture.uv_set for texture in textures}),
+                "attributes": self._all(mesh, uv_sets),
                 "indices": self._once(mesh, "indices", mesh.triangles.reshape(-1), *self._corner_kind(mesh)),
                 "material": self._surfaces.material(material),
             }
             if variants:
                 mappings = [{"material": self._surfaces.material(other), "variants": [v]} for v, other in variants]
                 self._content.use(VARIANTS, {"mappings": mappings}, primitive)
-            if targets := self._targets(mesh):
+            targets = self._targets(mesh)
+            if targets:
                 primitive["targets"] = targets
             self._meshes[key] = self._content.add("meshes", name=mesh.name, primitives=[primitive])
         return self._meshes[key]
@@ -118,6 +120,7 @@ class Shapes:
         if deformation is None or deformation.joints is None or deformation.joint_weights is None:
             return {}
         joints, weights = deformation.joints.astype(np.int64), deformation.joint_weights.astype(np.float64)
+        # glTF 2.0, 3.7.3.3: a vertex has a joint once only, and unused joints are 0.
         for column in range(1, joints.shape[1]):
             for earlier in range(column):
                 same = joints[:, column] == joints[:, earlier]
@@ -127,8 +130,11 @@ class Shapes:
         joints, weights = np.pad(joints, padding), np.pad(weights, padding)
         resting = ~(weights > 0).any(axis=1)
         joints[weights == 0] = 0
-        joints[resting, 0], weights[resting, 0] = deformation.joint_count, 1
-        dtype, found = "u1" if joints.max() < 256 else "u2", {}
+        # Vertices without a joint follow the one that `Nodes.skin` adds, which never moves.
+        joints[resting, 0] = deformation.joint_count
+        weights[resting, 0] = 1
+        dtype = "u1" if joints.max() < 256 else "u2"
+        found = {}
         for number in range(joints.shape[1] // 4):
             part = np.s_[:, 4 * number : 4 * number + 4]
             found[f"JOINTS_{number}"] = self._once(mesh, f"JOINTS_{number}", joints[part], dtype)
@@ -173,11 +179,10 @@ def _split_with_tangents(mesh: Mesh, uv_set: int) -> Mesh:
 
 def _with_vertices(mesh: Mesh, rows: NDArray[Any], triangles: NDArray[Any]) -> Mesh:
     """The mesh of these vertices, with triangles over them."""
-    parts = {name: values[rows] for name in _OF_VERTICES if (values := getattr(mesh, name)) is not None}
-    given = mesh.deformation
-    if given is not None:
-        parts["deformation"] = dataclasses.replace(
-            given,
-            **{name: values[..., rows, :] for name in _OF_DEFORMATIONS if (values := getattr(given, name)) is not None},
-        )
+    attributes = {name: getattr(mesh, name) for name in _OF_VERTICES}
+    parts = {name: values[rows] for name, values in attributes.items() if values is not None}
+    if mesh.deformation is not None:
+        arrays = {name: getattr(mesh.deformation, name) for name in _OF_DEFORMATIONS}
+        moved = {name: values[..., rows, :] for name, values in arrays.items() if values is not None}
+        parts["deformation"] = dataclasses.replace(mesh.deformation, **moved)
     return dataclasses.replace(mesh, triangles=triangles, **parts)

@@ -40,6 +40,7 @@ FACTORS = {
     },
 }
 """By extension: the keys of its factors, and the fields of Material that they hold."""
+# KHR_materials_specular has F0 in units of 0.04, and `reflectance` has 0.16 reflectance^2.
 _CONVERTED: dict[str, Callable[[Any], Any]] = {
     "specularColorFactor": lambda value: 4 * value.astype(np.float64) ** 2,
     "iridescenceThicknessMinimum": lambda value: value[0],
@@ -89,17 +90,25 @@ class Surfaces:
         fields |= self._slots(material, {"normal_texture": "normalTexture", "emissive_texture": "emissiveTexture"})
         if material.normal_texture is not None:
             fields["normalTexture"]["scale"] = material.normal_scale
+        self._add_emission(material, fields, holder)
+        self._add_extensions(material, holder)
+        return self._content.add("materials", **fields, **holder)
+
+    def _add_emission(self, material: Material, fields: dict[str, Any], holder: dict[str, Any]) -> None:
+        """The emission as a factor of at most 1 and, beyond 1 cd/m^2, a strength."""
         strength = float(material.emissive.max())
         fields["emissiveFactor"] = material.emissive.astype(np.float64) / max(strength, 1) if strength else None
         if strength > 1:
             self._content.use("KHR_materials_emissive_strength", {"emissiveStrength": strength}, holder)
+
+    def _add_extensions(self, material: Material, holder: dict[str, Any]) -> None:
+        """The extensions with a texture or a factor that isn't as by default."""
         for extension, keys in FACTORS.items():
             slots = self._slots(material, OF_MATERIALS[extension].textures)
             if slots or any(self._differs(material, field) for field in keys.values()):
                 self._content.use(extension, self._factors(material, keys) | slots, holder)
                 if "clearcoatNormalTexture" in slots:
                     slots["clearcoatNormalTexture"]["scale"] = material.clearcoat_normal_scale
-        return self._content.add("materials", **fields, **holder)
 
     def _differs(self, material: Material, field: str) -> bool:
         """Whether a field isn't as by default."""
@@ -126,8 +135,9 @@ class Surfaces:
             angle = math.atan2(-c, a) if math.hypot(a, c) > math.hypot(b, d) else math.atan2(b, d)
             cosine, sine = math.cos(angle), math.sin(angle)
             scale = cosine * a - sine * c, sine * b + cosine * d
-            kept = cosine * scale[0], sine * scale[1], -sine * scale[0], cosine * scale[1]
-            if not np.allclose(kept, (a, b, c, d), rtol=0, atol=_ROUNDING * max(map(abs, scale))):
+            # The extension has no shear: it writes the turn of the longer axis.
+            written = (cosine * scale[0], sine * scale[1], -sine * scale[0], cosine * scale[1])
+            if not np.allclose(written, (a, b, c, d), rtol=0, atol=_ROUNDING * max(map(abs, scale))):
                 self._content.lose("textures lose the shear of their uv_transform", material.describe())
             transform = {"offset": [u, v], "rotation": angle, "scale": list(scale)}
             self._content.use("KHR_texture_transform", {k: plain(value) for k, value in transform.items()}, slot)
