@@ -120,7 +120,7 @@ def lent_device(device_of_file, monkeypatch):
     monkeypatch.setattr(device, "close", lambda: None)
     for module in ("solari_vk", "solari_vk.lab.measure.report"):
         monkeypatch.setattr(f"{module}.Device", lend)
-    for module in ("cli.realtime", "cli.reference", "studio.cli.view"):
+    for module in ("cli.realtime", "cli.reference", "studio.commands"):
         monkeypatch.setattr(
             f"solari_vk.{module}.open_device",
             lambda job, notes=None: lend(job.device, validation=job.validation, rays=job.rays, on_compile=notes),

@@ -23,13 +23,10 @@ COMMANDS = (
         "cli.jobs:RenderOptions",
     ),
     Command(
-        "view", "open a window on a scene: fly around, edit, compare", "studio.cli.view:run", "studio.cli.jobs:ViewJob"
+        "view", "open a window on a scene: fly around, edit, compare", "studio.commands:view", "studio.jobs:ViewJob"
     ),
     Command(
-        "serve",
-        "show a scene in browsers: orbit, zoom, pick, compare",
-        "studio.cli.serve:run",
-        "studio.cli.jobs:ServeJob",
+        "serve", "show a scene in browsers: orbit, zoom, pick, compare", "studio.commands:serve", "studio.jobs:ServeJob"
     ),
     Command(
         "dataset",

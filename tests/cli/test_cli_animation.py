@@ -49,7 +49,7 @@ def test_an_orbit_shows_all_of_a_file(tmp_path, orbit):
     words = [*orbit.split(), str(tmp_path / "long.glb"), "--size", "200x150", "-o", "turn.gif"]
     options = parse(COMMANDS, words)[1]
     job = options if isinstance(options, DatasetJob) else make_job(options)
-    subject = load_scene(job)
+    subject = load_scene(job, seen_all_round=isinstance(job, DatasetJob))
     cameras = _cameras(subject, job)[0] if isinstance(job, DatasetJob) else subject.cameras
     seen = np.array([camera.project(scene.bounds.corners, (200, 150)) for camera in cameras])
     count = 8 if isinstance(job, DatasetJob) else 48

@@ -11,6 +11,7 @@ import io
 import shutil
 import socket
 import sys
+from importlib import import_module
 from unittest.mock import Mock
 
 import comm
@@ -20,7 +21,7 @@ from comm.base_comm import BaseComm
 from PIL import Image
 
 import solari_vk as sv
-from solari_vk.studio.notebook.widget import SETTLED
+from solari_vk.studio.notebook import ENOUGH_FRAMES
 from solari_vk.studio.viewer.camera_control import TURN, WHEEL, CameraControl
 
 SIZE = 64, 48
@@ -75,9 +76,9 @@ def widget(renderer, monkeypatch):
 
 
 def settle(line):
-    """Ask until the picture has settled; returns the answers."""
+    """Ask until the picture has finished; returns the answers."""
     answers = []
-    while not answers or not answers[-1][0]["settled"]:
+    while not answers or not answers[-1][0]["finished"]:
         answers += line.tell(page="a", **STILL)
         assert "error" not in answers[-1][0], answers[-1]
     return answers
@@ -105,30 +106,30 @@ def test_the_page_gets_the_script_and_frames_until_they_settle(widget, renderer)
     assert "export default" in data["state"]["_esm"]
     before = renderer.frame_count
     answers = settle(widget.comm)
-    assert renderer.frame_count - before == len(answers) == SETTLED
+    assert renderer.frame_count - before == len(answers) == ENOUGH_FRAMES
     for answer, (content,) in answers:
         picture = Image.open(io.BytesIO(content))
         assert (answer["page"], picture.size) == ("a", SIZE)
-        assert picture.format == ("PNG" if answer["settled"] else "JPEG")
+        assert picture.format == ("PNG" if answer["finished"] else "JPEG")
         assert answer["type"] == picture.get_format_mimetype()
     assert np.array_equal(np.asarray(picture), renderer["display"][..., :3])
     widget.refresh()
     assert widget.comm.custom() == [({"refresh": True}, [])]
-    assert not widget.comm.ask()["settled"]
+    assert not widget.comm.ask()["finished"]
 
 
 def test_movements_move_the_camera_and_begin_anew(widget, scene, renderer):
     settle(widget.comm)
     home, (center, distance) = position(widget), center_of(widget, renderer)
     camera = scene.camera.transform.copy()
-    assert not widget.comm.ask(right=40)["settled"]
+    assert not widget.comm.ask(right=40)["finished"]
     first, now = home - center, position(widget) - center
     turned = np.arctan2(np.cross(first, now)[1], first[[0, 2]] @ now[[0, 2]])
     assert turned == pytest.approx(-40 * TURN, abs=1e-6)
     assert np.linalg.norm(now) == pytest.approx(distance)
     for movement in ({"notches": 2}, {"home": True}):
         settle(widget.comm)
-        assert not widget.comm.ask(**movement)["settled"]
+        assert not widget.comm.ask(**movement)["finished"]
         if "notches" in movement:
             assert np.linalg.norm(position(widget) - center) == pytest.approx(distance / WHEEL**2)
     assert position(widget) == pytest.approx(home)
@@ -158,7 +159,7 @@ def test_errors_are_told_and_frames_go_on_afterwards(widget, renderer, monkeypat
         with monkeypatch.context() as patch:
             patch.setattr(sv.Renderer, "render", Mock(side_effect=mistake))
             assert widget.comm.ask()["error"] == words
-    assert "settled" in widget.comm.ask()
+    assert "finished" in widget.comm.ask()
 
 
 def test_a_closed_widget_renders_nothing(widget, renderer):
@@ -199,7 +200,7 @@ def test_hostile_messages_do_no_harm(widget):
         ((answer, buffers),) = line.tell(page="../a", **content)
         assert "error" in answer or np.isfinite(position(widget)).all(), content
         assert buffers or "error" in answer
-    assert "settled" in line.ask(home=True)
+    assert "finished" in line.ask(home=True)
     assert position(widget) == pytest.approx(before)
 
 
@@ -207,9 +208,9 @@ def test_what_cannot_be_shown_is_refused(renderer, monkeypatch):
     with pytest.raises(sv.SolariError, match=r"must be a solari_vk.Renderer, not <"):
         sv.notebook.show(object())
     monkeypatch.setitem(sys.modules, "anywidget", None)
-    monkeypatch.delitem(sys.modules, "solari_vk.studio.notebook.widget")
+    monkeypatch.delitem(sys.modules, "solari_vk.studio.notebook")
     with pytest.raises(sv.SolariError, match=r"pip install 'solari-vk\[notebook\]'"):
-        sv.notebook.show(renderer)
+        import_module("solari_vk.studio.notebook").show(renderer)
 
 
 # ---- the page ---------------------------------------------------------------------------------------
@@ -313,7 +314,7 @@ def page(browser, widget):
 
 @pytest.mark.slow
 def test_the_page_shows_frames_errors_and_edits(page, widget, renderer):
-    assert len(page.settle()) == SETTLED
+    assert len(page.settle()) == ENOUGH_FRAMES
     assert page.page.inner_text("pre") == ""
     assert page.shows(renderer)
     renderer.settings.gbuffer = "raster"
@@ -324,7 +325,7 @@ def test_the_page_shows_frames_errors_and_edits(page, widget, renderer):
     renderer.settings.gbuffer, widget._control.camera.aperture = "auto", 0.0
     renderer.resize((32, 24))
     page.refresh()
-    assert len(page.settle()) == SETTLED
+    assert len(page.settle()) == ENOUGH_FRAMES
     assert page.page.inner_text("pre") == ""
     assert page.shows(renderer)
     renderer.resize(SIZE)
@@ -343,7 +344,7 @@ def test_the_mouse_orbits_and_zooms(page, widget, renderer):
     mouse.up()
     asked = page.settle()
     assert [sum(request[way] for request in asked) for way in ("right", "down")] == [40, 0]
-    assert len(asked) >= SETTLED
+    assert len(asked) >= ENOUGH_FRAMES
     assert page.page.evaluate("window.most_requests") == 1
     angle = np.arccos((position(widget) - center) @ (home - center) / distance**2)
     assert angle > 20 * TURN
@@ -363,7 +364,7 @@ def test_two_views_take_turns_and_a_closed_one_asks_no_more(page, renderer):
     page.page.evaluate("() => { window.close_other = window.open_view(); }")
     asked = page.settle()
     assert len({request["page"] for request in asked}) == 2
-    assert len(asked) <= SETTLED + 1, "each view has one request on its way at most"
+    assert len(asked) <= ENOUGH_FRAMES + 1, "each view has one request on its way at most"
     page.page.evaluate("() => { window.close_view(); window.close_other(); }")
     before = renderer.frame_count
     page.page.mouse.wheel(0, 100)

@@ -25,7 +25,7 @@ from solari_vk.scene.model import Camera, Instance, Mesh
 from solari_vk.scene.objects import objects_of
 
 MM = 1000.0
-DEPTH_SCALE = 0.1  # millimeters of a step, while the picture is less deep than 6.5 m
+DEPTH_SCALE = 0.1  # millimeters of a step, while the picture is less deep than 6.5 m, the largest number of 16 bits
 SAME_SIZE = 1e-4  # difference of a mesh's stretch, over the largest, up to which instances have one model
 NOTHING = [-1, -1, -1, -1]
 UP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])  # models of BOP stand along z
@@ -40,8 +40,9 @@ class _Part(NamedTuple):
     def is_like(self, other: _Part) -> bool:
         """Whether both have one mesh and one place in the model."""
         tolerance = SAME_SIZE * max(np.abs(self.stretch).max(), np.abs(self.shift).max())
-        apart = np.abs(self.stretch - other.stretch).max(), np.abs(self.shift - other.shift).max()
-        return self.mesh is other.mesh and max(apart) <= tolerance
+        stretches_differ = np.abs(self.stretch - other.stretch).max()
+        shifts_differ = np.abs(self.shift - other.shift).max()
+        return self.mesh is other.mesh and max(stretches_differ, shifts_differ) <= tolerance
 
 
 class _Model(NamedTuple):
@@ -79,7 +80,10 @@ class BopWriter:
         self._models = list[_Model]()
         self._objects = objects_of(self._instances, self._labels)
         self._of = {number: self._model(number) for number in self._objects}
-        self._cameras, self._poses, self._infos = dict[str, Any](), dict[str, Any](), dict[str, Any]()
+        # The rows of scene_camera.json, scene_gt.json and scene_gt_info.json, by the number of the picture.
+        self._cameras: dict[str, Any] = {}
+        self._poses: dict[str, Any] = {}
+        self._infos: dict[str, Any] = {}
 
     def _model(self, number: int) -> _Model:
         parts = list[_Part]()
@@ -92,6 +96,8 @@ class BopWriter:
             if not parts:
                 first = instance
                 axes = UP @ first.rotation.T
+            # A part of an object is placed relative to the first one, in the object's axes: the object's own pose is
+            # left out, so that equal objects in other places have one model.
             shift = axes @ (instance.transform[:3, 3] - first.transform[:3, 3])
             parts.append(_Part(instance.mesh, axes @ instance.transform[:3, :3], shift))
         for model in self._models:
@@ -138,6 +144,7 @@ class BopWriter:
             make_folder(self._scene / name)
         size = depth.shape[1], depth.shape[0]
         self._size = self._size or size
+        # 0 stands for no depth. A deeper picture has larger steps, so that 16 bits reach to its farthest point.
         depth_mm = np.where(np.isfinite(depth), depth, 0.0) * MM
         scale = max(DEPTH_SCALE, float(depth_mm.max()) / (2**16 - 1))
         rotation, shift = camera.extrinsics()
@@ -149,23 +156,24 @@ class BopWriter:
         }
         write_whole(self._scene / "rgb" / f"{number:06}{self._kind}", picture)
         write_whole(self._scene / "depth" / f"{number:06}.png", png_16(np.rint(depth_mm / scale).astype(np.uint16)))
-        poses, infos = list[Any](), list[Any]()
-        for row in sorted(set(silhouettes) & set(self._objects)):
-            silhouette, model = silhouettes[row], self._of[row]
-            self._check_model(row)
-            box = box_around(self._parts(row), camera, size)
-            poses.append(
-                {
-                    "cam_R_m2c": _numbers(box.rotation @ UP.T),
-                    "cam_t_m2c": _numbers(box.center * MM),
-                    "obj_id": model.number,
-                }
-            )
-            infos.append(_info(silhouette, depth))
-            name = f"{number:06}_{len(infos) - 1:06}.png"
-            for kind, mask in (("mask", silhouette.mask), ("mask_visib", silhouette.visible)):
+        rows = sorted(set(silhouettes) & set(self._objects))
+        self._poses[str(number)] = [self._pose(row, camera, size) for row in rows]
+        self._infos[str(number)] = [_info(silhouettes[row], depth) for row in rows]
+        for index, row in enumerate(rows):
+            # Masks are named by the picture and by the row of the object in scene_gt.json.
+            name = f"{number:06}_{index:06}.png"
+            for kind, mask in (("mask", silhouettes[row].mask), ("mask_visib", silhouettes[row].visible)):
                 write_whole(self._scene / kind / name, png_bytes(np.where(mask, 255, 0).astype(np.uint8)))
-        self._poses[str(number)], self._infos[str(number)] = poses, infos
+
+    def _pose(self, number: int, camera: Camera, size: tuple[int, int]) -> dict[str, Any]:
+        """An object's row of scene_gt.json: the pose from its model to the camera."""
+        self._check_model(number)
+        box = box_around(self._parts(number), camera, size)
+        return {
+            "cam_R_m2c": _numbers(box.rotation @ UP.T),
+            "cam_t_m2c": _numbers(box.center * MM),
+            "obj_id": self._of[number].number,
+        }
 
     def finish(self) -> None:
         """Write the scene's tables and the models. Raises SolariError for a file that can't be written."""
@@ -238,9 +246,12 @@ def diameter(points: NDArray[np.float64]) -> float:
     """The largest distance between two of the points (N, 3)."""
     points = np.unique(points, axis=0)
     radii = np.linalg.norm(points - points.mean(axis=0), axis=1)
+    # The point farthest from the mean is in a pair that is at least so far apart.
     far = points[radii.argmax()]
     least = max(float(np.linalg.norm(points - far, axis=1).max()), 0.0)
-    points = points[radii >= least - radii.max() - 1e-9]  # others are in no pair that far apart
+    # By the triangle inequality through the mean, a point nearer to it than this is in no pair that far apart. That
+    # leaves a few hundred of a usual mesh's points, all pairs of which are compared, 256 points at a time.
+    points = points[radii >= least - radii.max() - 1e-9]
     largest = least
     for start in range(0, len(points), 256):
         apart = points[start : start + 256, None] - points[None, start:]
@@ -256,7 +267,9 @@ def _normals(part: _Part) -> NDArray[np.float64]:
     else:
         a, b, c = np.moveaxis(mesh.positions.astype(np.float64)[mesh.triangles], 1, 0)
         found = np.zeros(mesh.positions.shape)
+        # The cross product is as long as the triangle is large, so the mean is weighted by area.
         np.add.at(found, mesh.triangles, np.cross(b - a, c - a)[:, None])
+    # Normals go by the inverse transpose of what positions go by.
     found = found @ np.linalg.inv(part.stretch)
     return unit(found)
 
@@ -264,10 +277,15 @@ def _normals(part: _Part) -> NDArray[np.float64]:
 def _ply(points: NDArray[np.float64], model: _Model) -> str:
     names = ("x", "y", "z", "nx", "ny", "nz")
     normals = np.concatenate([_normals(part) for part in model.parts])
-    triangles, before = np.zeros((0, 3), np.int64), 0
+    triangles = np.zeros((0, 3), np.int64)
+    vertex_count = 0
     for part in model.parts:
-        turned = part.mesh.triangles[:, :: -1 if np.linalg.det(part.stretch) < 0 else 1]  # where it mirrors
-        triangles, before = np.concatenate([triangles, turned + before]), before + len(part.mesh.positions)
+        corners = part.mesh.triangles
+        # A stretch that mirrors would turn the triangles' fronts inwards.
+        if np.linalg.det(part.stretch) < 0:
+            corners = corners[:, ::-1]
+        triangles = np.concatenate([triangles, corners + vertex_count])
+        vertex_count += len(part.mesh.positions)
     head = [
         "ply",
         "format ascii 1.0",

@@ -55,9 +55,12 @@ def boxes_3d(
 
 def box_around(parts: Sequence[Instance], camera: Camera, size: tuple[int, int]) -> Box3D:
     """The box of an object, along the axes of its first part."""
-    (to_camera, shift), turn = camera.extrinsics(), parts[0].rotation
-    along = np.concatenate([transform_points(part.transform, part.posed_mesh().positions) for part in parts]) @ turn
+    to_camera, shift = camera.extrinsics()
+    axes = parts[0].rotation
+    positions = np.concatenate([transform_points(part.transform, part.posed_mesh().positions) for part in parts])
+    # The columns of a rotation are its axes, so this product gives the coordinates along them.
+    along = positions @ axes
     bounds = Bounds(along.min(axis=0), along.max(axis=0))
-    corners = bounds.corners @ turn.T
-    center = to_camera @ (turn @ bounds.center) + shift
-    return Box3D(center, to_camera @ turn, bounds.size, corners, camera.project(corners, size))
+    corners = bounds.corners @ axes.T
+    center = to_camera @ (axes @ bounds.center) + shift
+    return Box3D(center, to_camera @ axes, bounds.size, corners, camera.project(corners, size))

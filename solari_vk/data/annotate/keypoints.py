@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from solari_vk.base.errors import SolariError, quoted, unknown_name
 from solari_vk.base.files import read_json
-from solari_vk.data.annotate.surfaces import check_view, is_blocked
+from solari_vk.data.annotate.surfaces import check_view, is_blocked, is_inside
 from solari_vk.renderers.ray_tracer import RayTracer
 from solari_vk.scene.matrices import transform_points
 from solari_vk.scene.model import Camera, Instance
@@ -21,6 +21,7 @@ from solari_vk.scene.objects import is_called, objects_of
 
 OUTSIDE, OCCLUDED, VISIBLE = range(3)
 """States of keypoints, as COCO's v: not in the picture, hidden by a surface, seen."""
+OWN_SURFACE = 1e-3  # of the distance: joints and vertices lie a little below the surface that shows them
 Point = ArrayLike | int
 Named = Mapping[str, Mapping[str, Point]]
 
@@ -56,9 +57,11 @@ def keypoints(
     """
     check_view("keypoints", tracer, camera, size)
     positions, names = list[NDArray[np.float64]](), list[tuple[Instance, str]]()
-    tracer.trace(np.zeros((0, 3)), np.zeros((0, 3)))  # takes up the scene's edits
-    given = list(tracer.instances.values()) if instances is None else instances
-    for instance, named in _found(given, points).items():
+    tracer.trace(np.zeros((0, 3)), np.zeros((0, 3)))  # without rays it only applies the scene's edits
+    candidates = list(tracer.instances.values()) if instances is None else instances
+    for instance, named in find_keypoints(candidates, points).items():
+        if not instance.visible:
+            continue
         mesh = instance.posed_mesh()
         for name, point in named.items():
             local = _local(point, mesh.positions, f"keypoints: {name!r} of {instance.describe()}")
@@ -66,19 +69,15 @@ def keypoints(
             names.append((instance, name))
     if not names:
         return {}
-    at = np.array(positions)
-    pixels = camera.project(at, size)
-    inside = ((pixels >= -0.5) & (pixels < np.array(size) - 0.5)).all(axis=-1)
-    slack = tolerance + 1e-3 * np.linalg.norm(at - camera.position, axis=-1)
-    states = np.where(inside, np.where(is_blocked(tracer, camera, at, pixels, size, slack), OCCLUDED, VISIBLE), OUTSIDE)
+    world = np.array(positions)
+    pixels = camera.project(world, size)
+    slack = tolerance + OWN_SURFACE * np.linalg.norm(world - camera.position, axis=-1)
+    blocked = is_blocked(tracer, camera, world, pixels, size, slack)
+    states = np.where(is_inside(pixels, size), np.where(blocked, OCCLUDED, VISIBLE), OUTSIDE)
     found = dict[Instance, dict[str, Keypoint]]()
-    for (instance, name), pixel, state, position in zip(names, pixels, states.tolist(), at, strict=True):
+    for (instance, name), pixel, state, position in zip(names, pixels, states.tolist(), world, strict=True):
         found.setdefault(instance, {})[name] = Keypoint(pixel, state, position)
     return found
-
-
-def _found(instances: Sequence[Instance], points: Any) -> dict[Instance, Mapping[str, Point]]:
-    return {instance: named for instance, named in find_keypoints(instances, points).items() if instance.visible}
 
 
 def find_keypoints(instances: Sequence[Instance], points: Any) -> dict[Instance, Mapping[str, Point]]:
@@ -93,18 +92,22 @@ def find_keypoints(instances: Sequence[Instance], points: Any) -> dict[Instance,
         )
     found = dict[Instance, Mapping[str, Point]]()
     for pattern, named in points.items():
-        if not isinstance(pattern, str):
-            raise SolariError(f"{who}: a pattern of names is text, not {quoted(pattern)}")
-        numbered = dict(enumerate(instance for instance in instances if is_called(instance, pattern)))
-        fitting = [numbered[first] for first in objects_of(numbered)]
-        if not fitting:
-            raise unknown_name(f"{who}: no instance is named", pattern, [instance.name for instance in instances])
-        for instance in fitting:
-            found.setdefault(instance, named)
+        for instance in _fitting(instances, pattern, who):
+            found.setdefault(instance, named)  # of several patterns that fit, the first counts
     for instance, named in found.items():
         for name, point in named.items():
             _local(point, instance.mesh.positions, f"{who}: {name!r} of {instance.describe()}")
     return found
+
+
+def _fitting(instances: Sequence[Instance], pattern: Any, who: str) -> list[Instance]:
+    """The instances that a pattern fits, of an object's parts the first one. Raises SolariError if there are none."""
+    if not isinstance(pattern, str):
+        raise SolariError(f"{who}: a pattern of names is text, not {quoted(pattern)}")
+    numbered = dict(enumerate(instance for instance in instances if is_called(instance, pattern)))
+    if not numbered:
+        raise unknown_name(f"{who}: no instance is named", pattern, [instance.name for instance in instances])
+    return [numbered[first] for first in objects_of(numbered)]
 
 
 def _local(point: Any, positions: NDArray[Any], who: str) -> NDArray[np.float64]:

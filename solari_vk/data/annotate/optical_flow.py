@@ -9,7 +9,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solari_vk.base.errors import SolariError
-from solari_vk.data.annotate.surfaces import check_view, first_surfaces, is_blocked, pixel_rays
+from solari_vk.data.annotate.surfaces import (
+    SELF_OCCLUSION,
+    check_view,
+    first_surfaces,
+    is_blocked,
+    is_inside,
+    pixel_grid,
+    pixel_rays,
+)
 from solari_vk.renderers.ray_tracer import Hits, RayTracer
 from solari_vk.scene.matrices import transform_points
 from solari_vk.scene.model import Camera, Instance
@@ -17,7 +25,6 @@ from solari_vk.scene.model import Camera, Instance
 VISIBLE, OCCLUDED, OUTSIDE = range(3)
 """States of a pixel's point in the other picture."""
 FAR = 1e6  # meters to the background, which only turns
-OWN_SURFACE = 1e-4  # of the distance, that a surface may be before a point and is its own
 Floats = NDArray[np.float64]
 
 
@@ -53,8 +60,8 @@ def optical_flow(
     those of the surfaces at pixels' centers; occlusion is found by a ray each. The background turns with the camera.
     Raises SolariError if an edit between the times changes the number of a mesh's triangles.
     """
-    given = list(cameras) if isinstance(cameras, Sequence) else []
-    if len(given) != 2 or not all(isinstance(camera, Camera) for camera in given):
+    pair = list(cameras) if isinstance(cameras, Sequence) else []
+    if len(pair) != 2 or not all(isinstance(camera, Camera) for camera in pair):
         raise SolariError("optical_flow: cameras are two Camera objects, one for each picture")
 
     check_view("optical_flow", tracer, cameras[0], size)
@@ -63,6 +70,8 @@ def optical_flow(
         if pose is not None:
             pose(times[index])
 
+    # Each picture's surfaces are found at its own time, and where they are is asked for at both times. The order poses
+    # the scene as rarely as that allows, and leaves it at the second time.
     show(1)
     second = _Picture(tracer, cameras[1], size)
     show(0)
@@ -81,12 +90,12 @@ class _Picture:
     """The points that a camera's pixels show."""
 
     def __init__(self, tracer: RayTracer, camera: Camera, size: tuple[int, int]) -> None:
-        self.size, self.camera = size, camera
-        rows, columns = np.divmod(np.arange(size[0] * size[1]), size[0])
-        self.pixels = np.stack([columns, rows], axis=-1).astype(np.float64)
+        self.size = size
+        self.camera = camera
+        self.pixels = pixel_grid(size)
         origins, self.directions, starts = pixel_rays(camera, self.pixels, size)
         rays, hits = first_surfaces(tracer, origins, self.directions, starts)
-        self.found = np.zeros(len(rows), np.bool_)
+        self.found = np.zeros(len(self.pixels), np.bool_)
         self.found[rays] = True
         self.parts = [] if hits is None else _by_instance(tracer, rays, hits)
 
@@ -106,18 +115,20 @@ class _Picture:
 
     def flow(self, tracer: RayTracer, camera: Camera, here: Floats, there: Floats) -> Flow:
         """To a camera's picture of the scene as it is now. here, there: positions at the two times."""
+        # The background is so far away that it turns with the camera and doesn't move with it.
         far = camera.position + FAR * self.directions
         if self.camera.orthographic_height or camera.orthographic_height:
             far[:] = np.nan  # parallel projections don't say which part of a background a pixel shows
         targets = np.where(self.found[:, None], there, far)
-        at = camera.project(targets, self.size)
-        inside = ((at >= -0.5) & (at < np.array(self.size) - 0.5)).all(axis=-1)
-        slack = OWN_SURFACE * np.linalg.norm(targets - camera.position, axis=-1)
-        state = np.full(len(at), OUTSIDE, np.uint8)
-        blocked = is_blocked(tracer, camera, targets[inside], at[inside], self.size, slack[inside])
+        arrivals = camera.project(targets, self.size)
+        inside = is_inside(arrivals, self.size)
+        slack = SELF_OCCLUSION * np.linalg.norm(targets - camera.position, axis=-1)
+        state = np.full(len(arrivals), OUTSIDE, np.uint8)
+        blocked = is_blocked(tracer, camera, targets[inside], arrivals[inside], self.size, slack[inside])
         state[inside] = np.where(blocked, OCCLUDED, VISIBLE)
         shape = self.size[1], self.size[0]
-        return Flow((at - self.pixels).reshape(*shape, 2), state.reshape(shape), (there - here).reshape(*shape, 3))
+        flow = (arrivals - self.pixels).reshape(*shape, 2)
+        return Flow(flow, state.reshape(shape), (there - here).reshape(*shape, 3))
 
 
 Part = tuple[Instance, NDArray[np.int64], int, NDArray[Any], Floats]
@@ -127,9 +138,12 @@ def _by_instance(tracer: RayTracer, rays: NDArray[np.int64], hits: Hits) -> list
     """For each instance: the rays that hit it, its number of triangles, the triangles, and weights of corners."""
     parts = list[Part]()
     for number in np.unique(hits.instance).tolist():
-        mine = hits.instance == number
-        instance, second = tracer.instances[number], hits.barycentrics[mine].astype(np.float64)
-        weights = np.concatenate([1 - second.sum(axis=-1, keepdims=True), second], axis=-1)
+        chosen = hits.instance == number
+        instance = tracer.instances[number]
+        # Vulkan gives the weights of the second and the third corner; all three add up to 1.
+        others = hits.barycentrics[chosen].astype(np.float64)
+        weights = np.concatenate([1 - others.sum(axis=-1, keepdims=True), others], axis=-1)
+        # Rays meet the ray_mesh where there is one, but what joints move is always its own mesh.
         mesh = instance.mesh if instance.posed else instance.ray_mesh or instance.mesh
-        parts.append((instance, rays[mine], len(mesh.triangles), hits.primitive[mine], weights))
+        parts.append((instance, rays[chosen], len(mesh.triangles), hits.primitive[chosen], weights))
     return parts

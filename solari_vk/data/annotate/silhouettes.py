@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solari_vk.base.errors import SolariError, quoted
-from solari_vk.data.annotate.surfaces import check_view, peel, pixel_rays
+from solari_vk.data.annotate.surfaces import check_view, peel, pixel_grid, pixel_rays
 from solari_vk.renderers.ray_tracer import RayTracer
 from solari_vk.scene.model import Camera, Instance
 from solari_vk.scene.objects import objects_of
@@ -67,15 +67,18 @@ def trace_silhouettes(
         raise SolariError(
             f"silhouettes: around is from 0 to 8, and 0 for a lens that isn't a pinhole, not {quoted(around)}"
         )
-    (width, height), (left, top) = size, (round(around * size[0]), round(around * size[1]))
+    width, height = size
+    left, top = round(around * width), round(around * height)
     shape = height + 2 * top, width + 2 * left
-    rows, columns = np.divmod(np.arange(shape[0] * shape[1]), shape[1])
-    pixels = np.stack([columns - left, rows - top], axis=-1).astype(np.float64)
-    met, ids = [np.zeros(0, np.int64)], np.full(len(pixels), -1)
+    pixels = pixel_grid((shape[1], shape[0])) - (left, top)
+    places, ids = [np.zeros(0, np.int64)], np.full(len(pixels), -1)
     for rays, hits in peel(tracer, *pixel_rays(camera, pixels, size)):
-        met.append(hits.instance.astype(np.int64) * len(pixels) + rays)
+        # One number for an instance and a pixel, which np.unique then sorts: an instance with several surfaces along a
+        # ray counts once.
+        places.append(hits.instance.astype(np.int64) * len(pixels) + rays)
+        # Surfaces come nearest first, so the first one is what the pixel shows.
         ids[rays] = np.where(ids[rays] < 0, hits.instance, ids[rays])
-    runs = _runs(np.concatenate(met), shape, (-left, -top))
+    runs = _runs(np.concatenate(places), shape, (-left, -top))
     return runs, ids.reshape(shape)[top : top + height, left : left + width]
 
 
@@ -94,10 +97,11 @@ def _runs(places: NDArray[np.int64], shape: tuple[int, int], corner: tuple[int, 
 def merge_runs(runs: Runs, objects: Mapping[int, Sequence[int]]) -> Runs:
     """The runs of objects from those of their parts. objects: the numbers of each one's parts, by its own."""
     whole = {part: number for number, parts in objects.items() for part in parts if len(parts) > 1}
-    mine = np.isin(runs[:, 0], list(whole))
-    parts, others = runs[mine].astype(np.int64), runs[~mine]
+    is_part = np.isin(runs[:, 0], list(whole))
+    parts, others = runs[is_part].astype(np.int64), runs[~is_part]
     if not len(parts):
         return others
+    # Runs of parts may overlap, so they are expanded to pixels (index: the run of each) and made anew.
     index = np.repeat(np.arange(len(parts)), parts[:, 3])
     begins = np.cumsum(parts[:, 3]) - parts[:, 3]
     number = np.array([whole[part] for part in parts[:, 0].tolist()])[index]
@@ -110,18 +114,28 @@ def merge_runs(runs: Runs, objects: Mapping[int, Sequence[int]]) -> Runs:
 
 def read_runs(runs: Runs, visible: dict[int, Mask]) -> dict[int, Silhouette]:
     """Silhouettes by instance's number from runs (N, 4). visible: the masks (height, width) of what pictures show."""
-    found, ordered = {}, runs[np.argsort(runs[:, 0], kind="stable")]
+    found = {}
+    ordered = runs[np.argsort(runs[:, 0], kind="stable")]
     for number, seen in visible.items():
-        mine = ordered[slice(*np.searchsorted(ordered[:, 0], (number, number + 1)))]
+        begin, end = np.searchsorted(ordered[:, 0], (number, number + 1))
+        own_runs = ordered[begin:end]
         mask = np.zeros_like(seen)
-        for _, x, y, length in mine.tolist():
+        for _, x, y, length in own_runs.tolist():
             if 0 <= y < len(mask):
                 mask[y, max(x, 0) : max(x + length, 0)] = True
-        row, column = np.nonzero(seen & ~mask)  # at edges another renderer may see a pixel more
-        mine = np.concatenate([mine, np.stack([0 * row, column, row, 0 * row + 1], axis=1)])
-        box = 0, 0, 0, 0
-        if len(mine):
-            low, ends = mine[:, 1:3].min(axis=0), (mine[:, 1:3] + mine[:, 3:] * (1, 0) + (0, 1)).max(axis=0)
-            box = (*low.tolist(), *(ends - low).tolist())
-        found[number] = Silhouette(mask | seen, seen, int(mine[:, 3].sum()), box)
+        # At edges the renderer of the masks may see a pixel more than the rays: a run of one pixel each.
+        row, column = np.nonzero(seen & ~mask)
+        extra = np.stack([0 * row, column, row, 0 * row + 1], axis=1)
+        all_runs = np.concatenate([own_runs, extra])
+        found[number] = Silhouette(mask | seen, seen, int(all_runs[:, 3].sum()), _box_of(all_runs))
     return found
+
+
+def _box_of(runs: Runs) -> Box:
+    """The smallest box around runs: left column, top row, width, height."""
+    if not len(runs):
+        return 0, 0, 0, 0
+    left, top = runs[:, 1:3].min(axis=0).tolist()
+    right = int((runs[:, 1] + runs[:, 3]).max())
+    bottom = int(runs[:, 2].max()) + 1
+    return left, top, right - left, bottom - top

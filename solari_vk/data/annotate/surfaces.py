@@ -12,23 +12,43 @@ from solari_vk.renderers.ray_tracer import Hits, RayTracer
 from solari_vk.scene.model import Camera
 
 STEP = np.float32(1 + 2**-20)  # from one surface to the next: two that are closer, relative to the distance, are one
+SELF_OCCLUSION = 1e-4  # of the distance: a surface that is so little before a point is the point's own
 Floats = NDArray[np.float64]
 
 
 def check_view(who: str, tracer: RayTracer, camera: Camera, size: tuple[int, int]) -> None:
     """Raise SolariError for what is no tracer, no camera or no size."""
-    for given, kind in ((tracer, RayTracer), (camera, Camera)):
-        if not isinstance(given, kind):
-            raise SolariError(f"{who}: a {kind.__name__} is needed, not {quoted(given)}")
-    camera.rays((0, 0), size)
+    for argument, kind in ((tracer, RayTracer), (camera, Camera)):
+        if not isinstance(argument, kind):
+            raise SolariError(f"{who}: a {kind.__name__} is needed, not {quoted(argument)}")
+    camera.rays((0, 0), size)  # refuses what is no size
+
+
+def pixel_grid(size: tuple[int, int]) -> Floats:
+    """The centers of all pixels of a picture, row by row, (N, 2) as `Camera.rays` takes them."""
+    rows, columns = np.divmod(np.arange(size[0] * size[1]), size[0])
+    return np.stack([columns, rows], axis=-1).astype(np.float64)
+
+
+def is_inside(pixels: Floats, size: tuple[int, int]) -> NDArray[np.bool_]:
+    """Whether positions (N, 2) are in a picture, whose first pixel's center is (0, 0)."""
+    return np.asarray(((pixels >= -0.5) & (pixels < np.array(size) - 0.5)).all(axis=-1))
 
 
 def pixel_rays(camera: Camera, pixels: Floats, size: tuple[int, int]) -> tuple[Floats, Floats, Floats]:
     """Origins and unit directions (N, 3) of what pixels (N, 2) look along, and where the rays begin (N), at `near`."""
     origins, directions = camera.rays(pixels, size)
     forward = -camera.transform[:3, 2] / np.linalg.norm(camera.transform[:3, 2])
+    # `near` counts along the view axis for perspective cameras, as in OpenGL, and along the ray for all others.
     along = directions @ forward if camera.projection == "perspective" else np.ones(len(pixels))
     return origins, directions, camera.near / np.maximum(along, 1e-9)
+
+
+def behind(t: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Where rays go on behind hits at distances t (N)."""
+    # Near zero the step is smaller than what float32 resolves: then it is the next number.
+    begins: NDArray[np.float32] = np.maximum(t * STEP, np.nextafter(t, np.float32(np.inf)))
+    return begins
 
 
 def peel(
@@ -45,18 +65,22 @@ def peel(
     first: a ray ends at its first surface.
     """
     count = len(origins)
-    start, end = (np.array(np.broadcast_to(value, count), np.float32) for value in (t_min, t_max))
+    start = np.array(np.broadcast_to(t_min, count), np.float32)
+    end = np.array(np.broadcast_to(t_max, count), np.float32)
+    # Pixels of a fisheye picture outside its circle have no direction.
     active = np.flatnonzero(np.isfinite(directions).all(axis=-1))
-    step, double_sided = 0, np.zeros(0, np.bool_)
+    step = 0
+    double_sided = np.zeros(0, np.bool_)
     while len(active):
+        # Each step has a seed of its own, because blended surfaces are hit with the probability alpha.
         hits = tracer.trace(
             origins[active], directions[active], t_min=start[active], t_max=end[active], seed=step & 0xFFFFFFFF
         )
         there = hits.instance >= 0
         active, hits = active[there], hits[there]
-        start[active] = np.maximum(hits.t * STEP, np.nextafter(hits.t, np.float32(np.inf)))
+        start[active] = behind(hits.t)
         if step == 0:
-            double_sided = _double_sided(tracer)
+            double_sided = _double_sided(tracer)  # only now: the first trace applied the scene's edits
         seen = hits.front_face | double_sided[hits.instance]
         yield active[seen], hits[seen]
         if first:
@@ -92,6 +116,7 @@ def is_blocked(
     """
     origins, directions, starts = pixel_rays(camera, pixels, size)
     distance = np.einsum("ni,ni->n", points - origins, directions)
+    hidden, _ = first_surfaces(tracer, origins, directions, starts, distance - tolerance)
     blocked = np.zeros(len(points), np.bool_)
-    blocked[first_surfaces(tracer, origins, directions, starts, distance - tolerance)[0]] = True
+    blocked[hidden] = True
     return blocked

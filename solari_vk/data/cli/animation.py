@@ -6,7 +6,6 @@ import copy
 import dataclasses
 import shutil
 import sys
-from typing import TYPE_CHECKING
 
 from solari_vk.base.errors import SolariError
 from solari_vk.base.files import make_folder
@@ -14,13 +13,12 @@ from solari_vk.cli.devices import open_pool
 from solari_vk.cli.jobs import ANIMATION_AVERAGE, EXPOSED_AVERAGE, MovieJob
 from solari_vk.cli.loading import LoadedScene, set_exposure
 from solari_vk.data.cli.rendering import metered, render_files
+from solari_vk.data.datasets.journal import open_journal
+from solari_vk.data.datasets.tasks import RAW, RenderTask, Style, View, blocks
 from solari_vk.data.sensors.sensor import Sensor
 from solari_vk.output.movie import write_movie
 from solari_vk.scene.shutter import Shutter, between
 from solari_vk.settings import Settings
-
-if TYPE_CHECKING:
-    from solari_vk.data.cluster import View
 
 
 def run(job: MovieJob, loaded: LoadedScene, how: Settings | int) -> int:
@@ -29,37 +27,21 @@ def run(job: MovieJob, loaded: LoadedScene, how: Settings | int) -> int:
     how: settings of the realtime renderer, or the path tracer's samples per pixel. The pictures of a movie are in a
     folder beside it until it is written.
     """
-    from solari_vk.data.cluster import RenderTask, Style, blocks
-    from solari_vk.data.datasets.journal import open_journal
-    from solari_vk.data.datasets.tasks import RAW
-
     output = job.output.resolve()
     folder = output.with_name(f"{output.stem}.frames") if job.is_movie else output.parent
     make_folder(folder)
-    clip = None if loaded.clip is None else list(loaded.scene.animations).index(loaded.clip)
-    if isinstance(how, Settings):
-        frames = job.average or (ANIMATION_AVERAGE if job.shutter is None else EXPOSED_AVERAGE)
-        style = Style(job.size, job.seed, job.aov, job.tonemap, clip, how, frames, job.warm_up, shutter=_shutter(job))
-    else:
-        style = Style(
-            job.size,
-            job.seed,
-            job.aov,
-            job.tonemap,
-            clip,
-            samples=how,
-            max_bounces=job.max_bounces,
-            denoise=job.denoise,
-            shutter=_shutter(job),
-        )
-    if job.sensor is not None:
-        style = dataclasses.replace(style, sensor=Sensor.load(job.sensor), layers=(*style.layers, RAW))
+    style = _style(job, loaded, how)
+    # Workers get the scene as it is here, so that its content, which the journal compares, doesn't depend on the pose
+    # that was shown last.
     if style.clip is not None:
         loaded.scene.animate(0.0, style.clip)
     with open_pool(job) as pool:
         if loaded.auto_exposure:
             set_exposure(loaded.cameras, metered(pool, loaded, loaded.cameras[:1], job.size))
-        views = _views(job, loaded, style.clip, ".png" if job.is_movie else output.suffix)
+        suffix = ".png" if job.is_movie else output.suffix
+        views = (
+            _still_views(job, loaded, suffix) if style.clip is None else _clip_views(job, loaded, style.clip, suffix)
+        )
         if style.settings is None:
             tasks = [RenderTask(style, number, (view,)) for number, view in enumerate(views)]
         else:
@@ -73,6 +55,20 @@ def run(job: MovieJob, loaded: LoadedScene, how: Settings | int) -> int:
     return 0 if complete else 1
 
 
+def _style(job: MovieJob, loaded: LoadedScene, how: Settings | int) -> Style:
+    """How the pictures are rendered; arguments are those of `run`."""
+    clip = None if loaded.clip is None else list(loaded.scene.animations).index(loaded.clip)
+    style = Style(job.size, job.seed, job.aov, job.tonemap, clip, shutter=_shutter(job))
+    if isinstance(how, Settings):
+        frames = job.average or (ANIMATION_AVERAGE if job.shutter is None else EXPOSED_AVERAGE)
+        style = dataclasses.replace(style, settings=how, frames=frames, warm_up=job.warm_up)
+    else:
+        style = dataclasses.replace(style, samples=how, max_bounces=job.max_bounces, denoise=job.denoise)
+    if job.sensor is not None:
+        style = dataclasses.replace(style, sensor=Sensor.load(job.sensor), layers=(*style.layers, RAW))
+    return style
+
+
 def _shutter(job: MovieJob) -> Shutter | None:
     if job.shutter is None:
         return None
@@ -84,26 +80,39 @@ def _shutter(job: MovieJob) -> Shutter | None:
     return Shutter(close=exposed, readout=readout)
 
 
-def _views(job: MovieJob, loaded: LoadedScene, clip: int | None, suffix: str) -> list[View]:
-    """The pictures, with the cameras as they are at their times: a clip may move them."""
-    from solari_vk.data.cluster import View
-
-    views, lasts = [], sum(job.shutter or ())
+def _clip_views(job: MovieJob, loaded: LoadedScene, clip: int, suffix: str) -> list[View]:
+    """The pictures of a clip, with the cameras as they are at their times: the clip may move them."""
+    views = []
+    exposed = sum(job.shutter or ())
     for number, camera in enumerate(loaded.cameras):
-        time = None if clip is None else number / job.fps
-        if clip is not None and time is not None:
-            loaded.scene.animate(time, clip)
-        shown, closing = copy.deepcopy(camera), None
-        if job.shutter is not None and clip is not None and time is not None:
-            loaded.scene.animate(time + lasts, clip)
+        time = number / job.fps
+        loaded.scene.animate(time, clip)
+        shown = copy.deepcopy(camera)
+        closing = None
+        if job.shutter is not None:
+            loaded.scene.animate(time + exposed, clip)
             closing = copy.deepcopy(camera)
-        elif job.shutter is not None:
-            share, last = lasts * job.fps, len(loaded.cameras) - 1
-            if number < last:
-                closing = between(shown, loaded.cameras[number + 1], share)
-            elif last:
-                closing = between(loaded.cameras[last - 1], shown, 1 + share)
-        views.append(View(f"{job.output.stem}.{number:04}{suffix}", shown, time, closing))
-    if clip is not None:
-        loaded.scene.animate(0.0, clip)
+        views.append(View(_file_name(job, number, suffix), shown, time, closing))
+    loaded.scene.animate(0.0, clip)
     return views
+
+
+def _still_views(job: MovieJob, loaded: LoadedScene, suffix: str) -> list[View]:
+    """The pictures of a scene that stands still, around which cameras move."""
+    views = []
+    cameras = loaded.cameras
+    share = sum(job.shutter or ()) * job.fps  # of the way to the next camera, which the shutter is open for
+    last = len(cameras) - 1
+    for number, camera in enumerate(cameras):
+        closing = None
+        if job.shutter is not None and number < last:
+            closing = between(camera, cameras[number + 1], share)
+        elif job.shutter is not None and last:
+            # After the last camera the motion goes on as it came there.
+            closing = between(cameras[last - 1], camera, 1 + share)
+        views.append(View(_file_name(job, number, suffix), copy.deepcopy(camera), None, closing))
+    return views
+
+
+def _file_name(job: MovieJob, number: int, suffix: str) -> str:
+    return f"{job.output.stem}.{number:04}{suffix}"

@@ -24,7 +24,12 @@ from solari_vk.output.annotations import Annotations, boxes
 from solari_vk.output.shards import save_shards
 from solari_vk.scene.model import Camera, Instance, Scene
 
-COCO, CLASSES, BOP, SHARDS, OBJECTS = "annotations.json", "classes.txt", "bop", "shards", "objects"
+# Files and folders of a data set.
+COCO = "annotations.json"
+CLASSES = "classes.txt"
+BOP = "bop"
+SHARDS = "shards"
+OBJECTS = "objects"
 ANNOTATIONS = {
     "coco": ("instance_id",),
     "yolo": ("instance_id",),
@@ -34,7 +39,7 @@ ANNOTATIONS = {
 """The kinds of annotations, each with the layers that it is made of."""
 
 
-class Annotating:
+class AnnotationWriter:
     """Writes annotations of all views of a folder. instances: of the scene, by the numbers in instance_id. split: of
     BOP."""
 
@@ -47,8 +52,12 @@ class Annotating:
         scene: Scene,
         split: str,
     ) -> None:
-        self._folder, self._annotations, self._style, self._scene = folder, annotations, style, scene
-        self._labels, self._split = annotations.labels, split
+        self._folder = folder
+        self._annotations = annotations
+        self._style = style
+        self._scene = scene
+        self._labels = annotations.labels
+        self._split = split
         self._instances = {number: instances[number] for number in self._labels}
 
     def check(self, kinds: Sequence[str], cameras: Sequence[Camera]) -> None:
@@ -56,9 +65,10 @@ class Annotating:
         before the randomizer."""
         if "bop" not in kinds:
             return
-        bop, randomizer = self._bop(), self._style.randomizer
-        for number, given in enumerate(cameras):
-            camera = copy.deepcopy(given)
+        bop = self._bop()
+        randomizer = self._style.randomizer
+        for number, original in enumerate(cameras):
+            camera = copy.deepcopy(original)
             if randomizer is not None:
                 randomizer.camera(camera, number)
             with self._style.randomized(self._scene, number):
@@ -78,7 +88,7 @@ class Annotating:
         if "coco" in kinds:
             write_whole(self._folder / COCO, json.dumps(self._annotations.coco(pictures)))
         else:
-            deque(pictures, 0)
+            deque(pictures, 0)  # runs the generator, which writes all but COCO's file
 
     def _pictures(
         self, kinds: Sequence[str], views: Sequence[View]
@@ -90,15 +100,10 @@ class Annotating:
             ids, points = self._layer(view, "instance_id"), self._points(view)
             if "yolo" in kinds:
                 write_whole(self._folder / f"{Path(view.name).stem}.txt", self._annotations.yolo(ids))
+            # Boxes and poses are those of the scene as the randomizer made it for this view.
             if bop is not None or "objects" in kinds:
-                objects = self._annotations.objects
                 with self._style.randomized(self._scene, number):
-                    shown = {
-                        row: np.isin(ids, parts)
-                        for row, parts in objects.items()
-                        if any(self._instances[part].visible for part in parts)
-                    }
-                    silhouettes = read_runs(merge_runs(self._layer(view, SILHOUETTES), objects), shown)
+                    silhouettes = self._silhouettes(view, ids)
                     if "objects" in kinds:
                         rows = self._objects(view.camera, silhouettes, points)
                         write_whole(self._folder / f"{Path(view.name).stem}.{OBJECTS}.json", json.dumps(rows))
@@ -108,6 +113,16 @@ class Annotating:
             yield view.name, ids, points
         if bop is not None:
             bop.finish()
+
+    def _silhouettes(self, view: View, ids: NDArray[Any]) -> dict[int, Silhouette]:
+        """The silhouettes of the objects that a picture may show, by their first part's number."""
+        objects = self._annotations.objects
+        shown = {
+            row: np.isin(ids, parts)
+            for row, parts in objects.items()
+            if any(self._instances[part].visible for part in parts)
+        }
+        return read_runs(merge_runs(self._layer(view, SILHOUETTES), objects), shown)
 
     def _layer(self, view: View, name: str) -> NDArray[Any]:
         return np.asarray(np.load(self._folder / f"{Path(view.name).stem}.{name}.npy"))
@@ -123,32 +138,37 @@ class Annotating:
         self, camera: Camera, silhouettes: Mapping[int, Silhouette], points: Mapping[int, NDArray[Any]]
     ) -> list[dict[str, Any]]:
         """The instances that are in a picture, or would be if nothing were before them."""
-        rows = []
-        for number, silhouette in silhouettes.items():
-            if silhouette.pixel_count:
-                parts = [self._instances[part] for part in self._annotations.objects[number]]
-                box = box_around(parts, camera, self._style.size)
-                name = parts[0].part_of if len(parts) > 1 else parts[0].name
-                rows.append(
-                    {
-                        "id": number,
-                        "name": name,
-                        "label": self._labels[number],
-                        "center": box.center.tolist(),
-                        "rotation": box.rotation.tolist(),
-                        "size": box.size.tolist(),
-                        "corners": [corner if np.isfinite(corner).all() else None for corner in box.pixels.tolist()],
-                        "box": boxes(np.where(silhouette.visible, number, number + 1)).get(number),
-                        "whole_box": silhouette.box,
-                        "visible_fraction": silhouette.fraction,
-                    }
-                )
-                named = self._annotations.points_of(number, points)
-                if len(named):
-                    places = [row if np.isfinite(row).all() else [None, None, 0] for row in named.tolist()]
-                    names = self._annotations.keypoints[self._labels[number]]
-                    rows[-1]["keypoints"] = dict(zip(names, places, strict=True))
-        return rows
+        return [
+            self._object(number, silhouette, camera, points)
+            for number, silhouette in silhouettes.items()
+            if silhouette.pixel_count
+        ]
+
+    def _object(
+        self, number: int, silhouette: Silhouette, camera: Camera, points: Mapping[int, NDArray[Any]]
+    ) -> dict[str, Any]:
+        parts = [self._instances[part] for part in self._annotations.objects[number]]
+        box = box_around(parts, camera, self._style.size)
+        row = {
+            "id": number,
+            "name": parts[0].part_of if len(parts) > 1 else parts[0].name,
+            "label": self._labels[number],
+            "center": box.center.tolist(),
+            "rotation": box.rotation.tolist(),
+            "size": box.size.tolist(),
+            # JSON has no NaN: a corner that the camera doesn't see is null.
+            "corners": [corner if np.isfinite(corner).all() else None for corner in box.pixels.tolist()],
+            # `boxes` reads instance ids, of which one says "this object" and the next one "anything else".
+            "box": boxes(np.where(silhouette.visible, number, number + 1)).get(number),
+            "whole_box": silhouette.box,
+            "visible_fraction": silhouette.fraction,
+        }
+        named = self._annotations.points_of(number, points)
+        if len(named):
+            places = [point if np.isfinite(point).all() else [None, None, 0] for point in named.tolist()]
+            names = self._annotations.keypoints[self._labels[number]]
+            row["keypoints"] = dict(zip(names, places, strict=True))
+        return row
 
 
 def write_shards(folder: Path, per_shard: int) -> None:
@@ -159,6 +179,7 @@ def write_shards(folder: Path, per_shard: int) -> None:
     def samples() -> Iterator[tuple[str, dict[str, Any]]]:
         for frame in frames:
             stem = Path(frame["file_path"]).stem
+            # WebDataset: the files of a sample have one name before the first dot, and what follows is the key.
             files = {path.name.removeprefix(f"{stem}."): path for path in sorted(folder.glob(f"{stem}.*"))}
             if not files:
                 raise SolariError(f"{folder / frame['file_path']}: is missing: render the data set again")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import math
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -16,7 +17,7 @@ from solari_vk.cli.loading import LoadedScene, check_aovs, load_scene, set_expos
 from solari_vk.cli.progress import check_time_limit
 from solari_vk.cli.realtime import check_parts
 from solari_vk.data.annotate.keypoints import find_keypoints
-from solari_vk.data.cli.annotations import ANNOTATIONS, Annotating, write_shards
+from solari_vk.data.cli.annotations import ANNOTATIONS, AnnotationWriter, write_shards
 from solari_vk.data.cli.rendering import metered, render_files
 from solari_vk.data.cluster import RenderTask, Style, View, blocks
 from solari_vk.data.datasets.dataset import cameras_for, views_of, write_transforms
@@ -32,7 +33,7 @@ from solari_vk.scene.objects import objects_of
 
 if TYPE_CHECKING:
     from solari_vk.data.cli.jobs import DatasetJob
-    from solari_vk.scene.model import Camera
+    from solari_vk.scene.model import Camera, Scene
 
 METERED = 8  # views whose mean exposure is that of all
 FLOWS = {FLOW, FLOW_BACK}
@@ -48,67 +49,101 @@ def run(job: DatasetJob) -> int:
     randomizer = None if job.randomize is None else Randomizer.load(job.randomize, job.seed)
     if randomizer is not None:
         job = dataclasses.replace(job, seed=randomizer.seed)  # of cameras and noise too
-    style = dataclasses.replace(_style(_with_layers(job)), randomizer=randomizer)
-    if job.sensor is not None:
-        style = dataclasses.replace(style, sensor=Sensor.load(job.sensor), layers=(*style.layers, RAW))
+    style = _style(_with_layers(job), randomizer)
     folder = job.output.resolve()
     make_folder(folder)
     loaded = load_scene(job, time=job.time, seen_all_round=job.cameras == "orbit")
-    cameras, metered_numbers = _cameras(loaded, job)
-    shown = [cameras[number] for number in metered_numbers]
-    cameras = cameras[: job.views]
+    # The cameras are placed before the randomizer adds objects, so that they look at the scene and not at distractors.
+    found, metered_numbers = _cameras(loaded, job)
+    cameras = found[: job.views]
     if randomizer is not None:
         randomizer.prepare(loaded.scene)
-    instances = dict(enumerate(loaded.scene.instances))
-    objects = style.objects(loaded.scene)
-    given = {} if job.labels is None else find_labels(objects, job.labels, loaded.scene.backdrop)
-    labels = {number: instance.label for number, instance in instances.items()}
-    for number, instance in instances.items():
-        if instance in given:
-            labels[number], whole = given[instance]
-            instance.part_of = instance.part_of if whole is None else whole
-    points = {} if job.keypoints is None else read_json(job.keypoints, f"--keypoints {job.keypoints}")
-    named = find_keypoints(objects, points)
-    style = dataclasses.replace(style, points=json.dumps(points))
-    keypoints = {number: tuple(named[instance]) for number, instance in instances.items() if instance in named}
-    annotating = None
+    labels = _label_instances(job, style, loaded.scene)
+    style, keypoints = _with_keypoints(job, style, loaded.scene)
+    writer = None
     if job.annotations:
-        annotations = Annotations(labels, keypoints, objects_of(instances, labels))
-        split = BOP_SPLITS.get(job.format, "")
-        annotating = Annotating(folder, annotations, instances, style, loaded.scene, split)
-        annotating.check(job.annotations, cameras)
+        writer = _annotation_writer(job, style, loaded.scene, labels, keypoints)
+        writer.check(job.annotations, cameras)
     with open_pool(job) as pool:
         ev100 = loaded.cameras[0].ev100
         if loaded.auto_exposure:
+            shown = [found[number] for number in metered_numbers]
             ev100 = metered(pool, loaded, shown, job.size, randomizer, metered_numbers)
         set_exposure(cameras, ev100)
         if randomizer is not None:
             for number, camera in enumerate(cameras):
                 randomizer.camera(camera, number)
         print(f"{len(cameras)} views of {job.source}, EV100 {ev100:.2f}", file=sys.stderr)
-        views = views_of(cameras, f".{job.format}")
-        if job.colmap:
-            check_colmap(cameras, job.size)
-        if FLOWS & set(style.layers):
-            ends = [None, *cameras, None]
-            views = [
-                dataclasses.replace(view, before=ends[number], after=ends[number + 2])
-                for number, view in enumerate(views)
-            ]
+        views = _views(job, style, cameras)
         tasks = _tasks(style, views, job.cameras == "random" or randomizer is not None)
         journal = open_journal(folder / JOURNAL, pool, loaded.scene, tasks)
-        write_transforms(folder, style, views)
-        if job.colmap:
-            save_colmap(folder / COLMAP, cameras, job.size, [view.name for view in views])
-        if "instance_id" in style.layers:
-            write_whole(folder / INSTANCES, json.dumps(instance_table(instances, labels)))
+        _write_tables(job, style, views, loaded.scene, labels)
         if not render_files(pool, loaded.scene, tasks, journal, job):
             return 1
-    if annotating is not None:
-        annotating.write(job.annotations, views)
+    if writer is not None:
+        writer.write(job.annotations, views)
     if job.shards is not None:
         write_shards(folder, job.shards)
     return 0
+
+
+def _label_instances(job: DatasetJob, style: Style, scene: Scene) -> dict[int, str]:
+    """The classes of all instances, by their numbers: those of --labels, or else their own. A pattern of --labels may
+    also say which instances are parts of one object."""
+    instances = dict(enumerate(scene.instances))
+    labels = {number: instance.label for number, instance in instances.items()}
+    if job.labels is None:
+        return labels
+    found = find_labels(style.objects(scene), job.labels, scene.backdrop)
+    for number, instance in instances.items():
+        if instance in found:
+            labels[number], whole = found[instance]
+            if whole is not None:
+                instance.part_of = whole
+    return labels
+
+
+def _with_keypoints(job: DatasetJob, style: Style, scene: Scene) -> tuple[Style, dict[int, tuple[str, ...]]]:
+    """The style with the points of --keypoints, and the names of each instance's points."""
+    points = {} if job.keypoints is None else read_json(job.keypoints, f"--keypoints {job.keypoints}")
+    found = find_keypoints(style.objects(scene), points)
+    names = {number: tuple(found[instance]) for number, instance in enumerate(scene.instances) if instance in found}
+    return dataclasses.replace(style, points=json.dumps(points)), names
+
+
+def _annotation_writer(
+    job: DatasetJob, style: Style, scene: Scene, labels: dict[int, str], keypoints: dict[int, tuple[str, ...]]
+) -> AnnotationWriter:
+    instances = dict(enumerate(scene.instances))
+    annotations = Annotations(labels, keypoints, objects_of(instances, labels))
+    return AnnotationWriter(
+        job.output.resolve(), annotations, instances, style, scene, split=BOP_SPLITS.get(job.format, "")
+    )
+
+
+def _views(job: DatasetJob, style: Style, cameras: list[Camera]) -> list[View]:
+    """The views of the cameras. Raises SolariError for cameras that a format of the data set can't describe."""
+    views = views_of(cameras, f".{job.format}")
+    if job.colmap:
+        check_colmap(cameras, job.size)
+    if not FLOWS & set(style.layers):
+        return views
+    neighbors = [None, *cameras, None]
+    return [
+        dataclasses.replace(view, before=neighbors[number], after=neighbors[number + 2])
+        for number, view in enumerate(views)
+    ]
+
+
+def _write_tables(job: DatasetJob, style: Style, views: list[View], scene: Scene, labels: dict[int, str]) -> None:
+    """Write what describes the whole data set: cameras, and the names and classes of instances."""
+    folder = job.output.resolve()
+    write_transforms(folder, style, views)
+    if job.colmap:
+        save_colmap(folder / COLMAP, [view.camera for view in views], job.size, [view.name for view in views])
+    if "instance_id" in style.layers:
+        instances = dict(enumerate(scene.instances))
+        write_whole(folder / INSTANCES, json.dumps(instance_table(instances, labels)))
 
 
 def _with_layers(job: DatasetJob) -> DatasetJob:
@@ -118,6 +153,19 @@ def _with_layers(job: DatasetJob) -> DatasetJob:
         if name not in ANNOTATIONS:
             raise SolariError(f"--annotations {name}: take some of {', '.join(ANNOTATIONS)}")
         needed += ANNOTATIONS[name]
+    _check_formats(job, needed)
+    if job.labels is not None and "instance_id" not in (*job.aov, *needed):
+        raise SolariError("--labels: are part of --annotations and --aov instance_id: give one of them")
+    if job.keypoints is not None:
+        if not {"coco", "objects"} & set(job.annotations):
+            raise SolariError("--keypoints: are part of --annotations coco or objects: give one of them")
+        needed.append(KEYPOINTS)
+    return dataclasses.replace(job, aov=tuple(dict.fromkeys((*job.aov, *needed))))
+
+
+def _check_formats(job: DatasetJob, needed: list[str]) -> None:
+    """Raise SolariError for outputs that can't be written beside pictures of the job's format."""
+    # .exr and .npz files hold all layers of a view, and have no place for runs of pixels and lists of points.
     whole = job.format in ("exr", "npz")
     if whole and (needed or SILHOUETTES in job.aov):
         raise SolariError("--annotations, --aov silhouettes: are .npy files: give --format png, jpg or npy")
@@ -128,17 +176,18 @@ def _with_layers(job: DatasetJob) -> DatasetJob:
             "--aov optical_flow: leads from one view to the next of one scene, and is an .npy file: "
             "leave --randomize out, and give --format png, jpg or npy"
         )
-    if job.labels is not None and "instance_id" not in (*job.aov, *needed):
-        raise SolariError("--labels: are part of --annotations and --aov instance_id: give one of them")
-    if job.keypoints is not None:
-        if not {"coco", "objects"} & set(job.annotations):
-            raise SolariError("--keypoints: are part of --annotations coco or objects: give one of them")
-        needed.append(KEYPOINTS)
-    return dataclasses.replace(job, aov=tuple(dict.fromkeys((*job.aov, *needed))))
 
 
-def _style(job: DatasetJob) -> Style:
+def _style(job: DatasetJob, randomizer: Randomizer | None) -> Style:
     """How views are rendered. Raises SolariError for options that contradict each other."""
+    style = dataclasses.replace(_renderer_style(job), randomizer=randomizer)
+    if job.sensor is not None:
+        style = dataclasses.replace(style, sensor=Sensor.load(job.sensor), layers=(*style.layers, RAW))
+    return style
+
+
+def _renderer_style(job: DatasetJob) -> Style:
+    """The style by what the renderer does, without randomizer and sensor."""
     if job.view != "picture":
         raise SolariError(f"--view {job.view}: a data set has pictures of light: see --aov")
     if job.mode == "reference":
@@ -165,6 +214,7 @@ def _tasks(style: Style, views: list[View], is_random: bool) -> list[RenderTask]
     """Each view alone; or, of cameras that follow a path in realtime mode, blocks, whose motion is that of the path."""
     if style.settings is not None and not is_random:
         return blocks(style, views)
+    # Views that don't follow each other have no common history: each warms up by itself.
     warm_up = style.warm_up if style.settings is not None else 0
     return [RenderTask(style, number, (view,), (view,) * warm_up) for number, view in enumerate(views)]
 
@@ -178,5 +228,6 @@ def _cameras(loaded: LoadedScene, job: DatasetJob) -> tuple[list[Camera], list[i
     most = max(job.views, METERED) if is_random and job.views is not None else job.views
     aspect = job.size[0] / job.size[1]
     found = cameras_for(job.cameras, loaded.scene, loaded.cameras[0], most, aspect, job.seed)
-    numbers = range(len(found))
-    return found, list(numbers[:METERED] if is_random else numbers[:: -(-len(found) // METERED)])
+    # Of cameras along a path, METERED at the most, evenly spread.
+    step = 1 if is_random else math.ceil(len(found) / METERED)
+    return found, list(range(len(found)))[::step][:METERED]

@@ -27,7 +27,8 @@ LOWEST, HIGHEST = math.radians(5), math.radians(75)  # of random cameras above t
 INSIDE = 0.7  # of the way from a room's center to what is there, random cameras stay within
 LEAST_APART = 1.0  # the two places that decide on a camera in a room, relative to the first one's distance
 NAME = "transforms.json"
-TERMS, FISHEYE_TERMS = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6"), ("k1", "k2", "k3", "k4")  # of distortion
+TERMS = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")  # of OpenCV's distortion, in its order
+FISHEYE_TERMS = ("k1", "k2", "k3", "k4")  # of cv::fisheye
 Floats = NDArray[np.float64]
 
 
@@ -47,11 +48,17 @@ def cameras_for(kind: str, scene: Scene, camera: Camera, count: int | None, aspe
         raise SolariError(f"--views {count}: a data set has at most {MAX_CAMERAS:,} views")
     if kind == "orbit":
         return orbit(camera, scene.bounds.center, count)
+    return _random_cameras(scene, count, aspect, seed)
+
+
+def _random_cameras(scene: Scene, count: int, aspect: float, seed: int) -> list[Camera]:
+    """Cameras in a room, if the scene is one, otherwise all around the scene and above its ground."""
     shown = [instance for instance in scene if instance.visible and instance is not scene.backdrop]
     if not shown:
         raise SolariError(f"--cameras random: {scene.describe()} has no visible instance")
     points = extent(shown)
     room = find_room(shown, points)
+    # A generator for each number: a camera doesn't depend on how many come before it.
     randoms = (np.random.default_rng((seed, number)) for number in range(count))
     if room is None:
         return [fit(points, _from_above(random), aspect) for random in randoms]
@@ -60,6 +67,7 @@ def cameras_for(kind: str, scene: Scene, camera: Camera, count: int | None, aspe
 
 def _from_above(random: np.random.Generator) -> tuple[float, float, float]:
     """A view direction, uniform over the part of the sphere between LOWEST and HIGHEST."""
+    # Archimedes: on a sphere, equal steps in height are equal areas.
     turn = random.uniform(0, 2 * math.pi)
     height = random.uniform(math.sin(LOWEST), math.sin(HIGHEST))
     across = math.sqrt(1 - height * height)
@@ -68,21 +76,24 @@ def _from_above(random: np.random.Generator) -> tuple[float, float, float]:
 
 def _in_room(center: Floats, triangles: Floats, random: np.random.Generator) -> Camera:
     """A camera between the center of a room and a place on its walls or on what stands in it, towards another one."""
-    near, far, places = np.zeros(3), np.zeros(3), list[Floats]()
-    while len(places) < 2 or np.linalg.norm(far - near) < LEAST_APART * np.linalg.norm(near - center):
+    near = far = np.zeros(3)
+    count = 0
+    # Two places that follow each other and are far enough apart. Normal numbers give a uniform direction.
+    while count < 2 or np.linalg.norm(far - near) < LEAST_APART * np.linalg.norm(near - center):
         direction = random.normal(size=3)
         direction /= np.linalg.norm(direction)
         distance = float(trace(center, direction[None], triangles).distance[0])
         if math.isfinite(distance):  # no window or door
             near, far = far, center + distance * direction
-            places.append(far)
+            count += 1
+    # The cube root makes places uniform in the volume of a cone from the center.
     eye = center + INSIDE * random.uniform() ** (1 / 3) * (near - center)
     return Camera.look_at(eye, far, vertical_fov=ROOM_FOV, near=max(1e-3 * float(np.linalg.norm(far - eye)), 1e-9))
 
 
 def _read_poses(path: Path, count: int | None, aspect: float) -> list[Camera]:
-    given = read_json(path, f"--cameras {path}: neither orbit nor random, nor a JSON file of poses")
-    poses = _poses_of_nerf(given, path, aspect) if isinstance(given, dict) else given
+    content = read_json(path, f"--cameras {path}: neither orbit nor random, nor a JSON file of poses")
+    poses = _poses_of_nerf(content, path, aspect) if isinstance(content, dict) else content
     if not isinstance(poses, list) or not poses:
         raise SolariError(f"--cameras {path}: must be a JSON list of poses, or have the fields of {NAME}")
     if min(len(poses), count or len(poses)) > MAX_CAMERAS:
@@ -100,31 +111,38 @@ def _read_poses(path: Path, count: int | None, aspect: float) -> list[Camera]:
     return cameras
 
 
-def _poses_of_nerf(given: dict[str, Any], path: Path, aspect: float) -> list[dict[str, Any]]:
-    """Poses as Camera.from_pose takes them, of a file such as `write_transforms` writes.
-
-    The files of the paper have neither focal lengths nor a size, only the horizontal field of view: then the pictures
-    have the aspect that was asked for.
-    """
+def _poses_of_nerf(content: dict[str, Any], path: Path, aspect: float) -> list[dict[str, Any]]:
+    """Poses as Camera.from_pose takes them, of a file such as `write_transforms` writes."""
     try:
         poses = []
-        for frame in given["frames"]:
-            lens = {**given, **frame}
+        for frame in content["frames"]:
+            # Fields of the lens stand once for all frames, or in each frame, which then counts.
+            lens = {**content, **frame}
             pose = {"transform": frame["transform_matrix"], **_lens_of_nerf(lens)}
-            if "fl_x" in lens or "fl_y" in lens:
-                length = lens["fl_y"] if "fl_y" in lens else lens["fl_x"]
-                fov = lens["h"] / length if "projection" in pose else 2 * math.atan(lens["h"] / (2 * length))
-            elif "projection" not in pose:
-                across = lens["w"] / lens["h"] if "w" in lens else aspect
-                fov = 2 * math.atan(math.tan(lens["camera_angle_x"] / 2) / across)
-            elif pose["projection"] == "equirectangular":
-                fov = math.pi  # without effect
-            else:
-                fov = lens["camera_angle_x"] * lens["h"] / lens["w"]
+            fov = _vertical_fov(lens, pose.get("projection", "perspective"), aspect)
             poses.append({**pose, "vertical_fov_degrees": math.degrees(fov)})
         return poses
     except (KeyError, TypeError, ValueError, ArithmeticError) as error:
         raise SolariError(f"--cameras {path}: it lacks a field of {NAME}, or has a wrong one: {error}") from None
+
+
+def _vertical_fov(lens: dict[str, Any], projection: str, aspect: float) -> float:
+    """The vertical field of view in radians.
+
+    The files of the paper have neither focal lengths nor a size, only the horizontal field of view: then the pictures
+    have the aspect that was asked for.
+    """
+    # An angle of an equidistant fisheye lens is a length over the focal length; a perspective camera has the tangent.
+    is_fisheye = projection == "fisheye"
+    if "fl_x" in lens or "fl_y" in lens:
+        length = lens["fl_y"] if "fl_y" in lens else lens["fl_x"]
+        return float(lens["h"] / length if is_fisheye else 2 * math.atan(lens["h"] / (2 * length)))
+    if projection == "equirectangular":
+        return math.pi  # without effect: such a picture shows all directions
+    if is_fisheye:
+        return float(lens["camera_angle_x"] * lens["h"] / lens["w"])
+    across = lens["w"] / lens["h"] if "w" in lens else aspect
+    return 2 * math.atan(math.tan(lens["camera_angle_x"] / 2) / across)
 
 
 def _lens_of_nerf(lens: dict[str, Any]) -> dict[str, Any]:
@@ -172,6 +190,7 @@ def _transforms(style: Style, views: Sequence[View]) -> dict[str, Any]:
     frames = []
     for view in views:
         camera = view.camera
+        # Readers take the upper left part for a rotation, so a camera's scale is left out.
         transform = camera.transform.copy()
         transform[:3, :3] /= np.linalg.norm(transform[:3, :3], axis=0)
         beside = style.files_of(view)[1:]
@@ -201,13 +220,13 @@ def _nerf_lens(camera: Camera, size: tuple[int, int]) -> dict[str, float]:
     if camera.projection == "equirectangular":
         return {}
     (fx, _, cx), (_, fy, cy), _ = camera.intrinsics(size).tolist()
+    # `intrinsics` counts from the first pixel's center as OpenCV does; instant-ngp counts from its corner.
     lens = {"fl_x": fx, "fl_y": fy, "cx": cx + 0.5, "cy": cy + 0.5}
     names = FISHEYE_TERMS if camera.projection == "fisheye" else TERMS
     if camera.projection == "perspective":
         lens["camera_angle_x"] = 2 * math.atan(size[0] / (2 * fx))
-    given = [*camera.distortion.tolist(), *[0.0] * len(names)]
-    return lens | {
-        name: term
-        for number, (name, term) in enumerate(zip(names, given, strict=False))
-        if number < 4 or any(given[4:])
-    }
+    terms = [*camera.distortion.tolist(), *[0.0] * len(names)][: len(names)]
+    # Many readers know the first four terms only, so the others stand in the file where they have an effect.
+    if not any(terms[4:]):
+        names, terms = names[:4], terms[:4]
+    return lens | dict(zip(names, terms, strict=True))

@@ -1,4 +1,4 @@
-"""A folder of pictures that can be left and taken up again: a journal beside them says what is finished."""
+"""A folder of pictures whose rendering can be stopped and resumed: a journal beside them says what is finished."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ import numpy as np
 from solari_vk.base.errors import SolariError
 from solari_vk.base.files import cannot_be, remove_unfinished, write_whole
 from solari_vk.base.folder_lock import lock_folder
-from solari_vk.data.datasets.tasks import RenderTask
+from solari_vk.data.datasets.tasks import File, RenderTask
 from solari_vk.renderers.cluster.device_session import OneDevice, pack
 from solari_vk.renderers.cluster.worker_pool import TICK_SECONDS, WorkerPool
 from solari_vk.scene.model import Camera, Scene
@@ -36,6 +36,7 @@ class Journal:
         self._path = path
         self._lock = lock_folder(path.with_name(f"{path.name}.lock"))
         self._files: dict[str, dict[str, str]] = {}  # by the keys of the tasks
+        # Through JSON and back, so that it can be compared with what was read: tuples become lists.
         head = json.loads(_as_json({"made_of": made_of}))
         lines = self._read_lines()
         if not lines:
@@ -43,14 +44,15 @@ class Journal:
             return
         try:
             first, *others = [json.loads(line) for line in lines]
-            there = dict(first["made_of"])
+            recorded = dict(first["made_of"])
             self._files = {line["task"]: dict(line["files"]) for line in others}
         except (ValueError, TypeError, KeyError, RecursionError) as error:
             raise SolariError(f"{path}: is damaged: {error}: remove it, and all pictures are made anew") from None
-        if other := [name for name, value in head["made_of"].items() if there.get(name) != value]:
+        different = [name for name, value in head["made_of"].items() if recorded.get(name) != value]
+        if different:
             raise SolariError(
-                f"{path.parent}: its pictures were made with another {', another '.join(other)}: give another folder, "
-                f"or remove {path}"
+                f"{path.parent}: its pictures were made with another {', another '.join(different)}: give another "
+                f"folder, or remove {path}"
             )
 
     @property
@@ -61,7 +63,8 @@ class Journal:
     def _read_lines(self) -> list[bytes]:
         try:
             *lines, rest = self._path.read_bytes().split(b"\n")
-            if rest:  # the last line was cut off
+            # A process that was killed left a part of a line. It is cut off, so that the next line begins a new one.
+            if rest:
                 os.truncate(self._path, sum(len(line) + 1 for line in lines))
         except FileNotFoundError:
             return []
@@ -93,8 +96,9 @@ class Journal:
         files = self._files.get(_key(task), {})
         return all(name in files and _sha256(self.folder / name) == files[name] for name in task.files)
 
-    def note(self, task: RenderTask, files: dict[str, str]) -> None:
+    def record(self, task: RenderTask, files: dict[str, str]) -> None:
         """Record that a task's files are in the folder. files: the SHA-256 of each by its name."""
+        # The line comes after the files, so that a task in the journal is always complete in the folder.
         self._files[_key(task)] = files
         self._append(json.dumps({"task": _key(task), "files": files}) + "\n")
 
@@ -137,23 +141,30 @@ def render_missing(
     """`render_tasks` with an open journal."""
     remove_unfinished(journal.folder, {name for task in tasks for name in task.files})
     missing = [task for task in tasks if not journal.has(task)]
-    count = sum(len(task.views) for task in tasks) - sum(len(task.views) for task in missing)
+    count = _count_views(tasks) - _count_views(missing)
     if progress is not None and progress(count):
         return count
+    # Closing the generator cancels what the workers have not begun, also when an error ends the loop.
     with closing(pool.map(scene, missing)) as results:
         for done in results:
+            # None comes about once a second while nothing is done, so that the progress can end the work.
             if done is not None:
                 task, files = done
-                for name, file in files.items():
-                    if file.data is None:
-                        _await_file(journal.folder / name)
-                    else:
-                        write_whole(journal.folder / name, file.data)
-                journal.note(task, {name: file.sha256 for name, file in files.items()})
+                _store(journal.folder, files)
+                journal.record(task, {name: file.sha256 for name, file in files.items()})
                 count += len(task.views)
             if progress is not None and progress(count):
                 break
     return count
+
+
+def _store(folder: Path, files: dict[str, File]) -> None:
+    """Write the files that a worker sent, and wait for those that it wrote itself."""
+    for name, file in files.items():
+        if file.data is None:
+            _await_file(folder / name)
+        else:
+            write_whole(folder / name, file.data)
 
 
 def _await_file(path: Path) -> None:
@@ -169,7 +180,12 @@ def _await_file(path: Path) -> None:
         time.sleep(TICK_SECONDS)
 
 
+def _count_views(tasks: Sequence[RenderTask]) -> int:
+    return sum(len(task.views) for task in tasks)
+
+
 def _key(task: RenderTask) -> str:
+    """What names a task in the journal: a hash of all that its pictures depend on."""
     return hashlib.sha256(_as_json(task).encode()).hexdigest()[:16]
 
 
@@ -178,6 +194,7 @@ def _as_json(value: Any) -> str:
 
 
 def _plain(value: Any) -> Any:
+    # A camera is a checked object and no dataclass of plain values; jitter isn't a part of its pose.
     if isinstance(value, Camera):
         return {**value.pose(), "jitter": value.jitter.tolist()}
     if dataclasses.is_dataclass(value):

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from solari_vk.base.errors import SolariError
 from solari_vk.base.files import make_temporary_folder
 from solari_vk.data.annotate.keypoints import keypoints
-from solari_vk.data.annotate.optical_flow import OUTSIDE, optical_flow
+from solari_vk.data.annotate.optical_flow import OUTSIDE, Flow, optical_flow
 from solari_vk.data.annotate.silhouettes import trace_silhouettes
 from solari_vk.data.randomize.randomizer import Randomizer
 from solari_vk.data.sensors.sensor import Sensor
@@ -35,11 +35,15 @@ from solari_vk.scene.shutter import Shutter, between
 from solari_vk.settings import Settings
 
 BLOCK = 24  # pictures of the realtime renderer
-# Layers that no renderer has: the runs of annotate/silhouettes.py; rows of an instance's number, u, v and state; u, v
-# and state of the flow to the next view and to the one before.
-TRACED = SILHOUETTES, KEYPOINTS, FLOW, FLOW_BACK = "silhouettes", "keypoints", "optical_flow", "optical_flow_back"
+SILHOUETTES = "silhouettes"  # runs as in annotate/silhouettes.py
+KEYPOINTS = "keypoints"  # rows of an instance's number, u, v and state
+FLOW = "optical_flow"  # u, v and state of the flow to the next view
+FLOW_BACK = "optical_flow_back"  # the same, to the view before
+TRACED = (SILHOUETTES, KEYPOINTS, FLOW, FLOW_BACK)
+"""The layers that no renderer has, and that rays of their own find."""
 RAW = "raw"  # the layer of a sensor's digital numbers
-METERED_SIDE, METERED_SAMPLES = 96, 16  # pixels of the longer side, and samples a pixel
+METERED_SIDE = 96  # pixels of the longer side of the pictures that choose the exposure
+METERED_SAMPLES = 16  # of each of their pixels
 
 
 @dataclass(frozen=True)
@@ -154,7 +158,10 @@ class RenderTask:
         if not os.path.isdir(folder):
             raise SolariError(f"{folder}: the worker has no such folder: don't give --shared-folder, or share it")
         try:
-            (self._trace if self.style.settings is None else self._play)(session, folder)
+            if self.style.settings is None:
+                self._trace_paths(session, folder)
+            else:
+                self._render_frames(session, folder)
             contents = {name: (folder / name).read_bytes() for name in self.files}
         finally:
             if self.folder is None:
@@ -164,7 +171,7 @@ class RenderTask:
             for name, data in contents.items()
         }
 
-    def _trace(self, session: DeviceSession, folder: Path) -> None:
+    def _trace_paths(self, session: DeviceSession, folder: Path) -> None:
         style = self.style
         for number, view in enumerate(self.views, self.first):
             self._pose(session, view)
@@ -174,10 +181,11 @@ class RenderTask:
                 frame = tracer.render(view.camera, style.samples, denoise=style.denoise, **exposure)
                 self._save(session, folder, view, frame, number)
 
-    def _play(self, session: DeviceSession, folder: Path) -> None:
+    def _render_frames(self, session: DeviceSession, folder: Path) -> None:
         style = self.style
         assert style.settings is not None
         renderer = session.renderer(style.size, style.settings, style.seed)
+        # The frame's number seeds its random numbers and jitter. It is that of one worker that rendered all views.
         renderer.frame_count = self.first * style.frames + style.warm_up - len(self.before)
         with style.randomized(session.scene, self.first):  # then the task has one view
             for view in self.before:
@@ -201,39 +209,19 @@ class RenderTask:
         if self.style.shutter is None:
             return {}
         shutter = self.style.shutter.at(view.time or 0.0)
-        lasts = (shutter.close - shutter.open + shutter.readout) or 1.0
+        duration = (shutter.close - shutter.open + shutter.readout) or 1.0  # an instant has no way to go
 
         def pose(seconds: float) -> Camera:
             if self.clip is not None:
                 session.scene.animate(seconds, self.clip)
             closing = view.camera if view.closing is None else view.closing
-            return between(view.camera, closing, (seconds - shutter.open) / lasts)
+            return between(view.camera, closing, (seconds - shutter.open) / duration)
 
         return {"shutter": shutter, "pose": pose}
 
     def _save(self, session: DeviceSession, folder: Path, view: View, results: Any, number: int) -> None:
-        if SILHOUETTES in self.style.layers:
-            around = 0.0 if view.camera.has_lens else 1.0
-            runs, _ = trace_silhouettes(session.ray_tracer(), view.camera, self.style.size, around=around)
-            write_npy(folder / f"{Path(view.name).stem}.{SILHOUETTES}.npy", runs)
-        if KEYPOINTS in self.style.layers:
-            tracer = session.ray_tracer()
-            found = keypoints(
-                tracer,
-                view.camera,
-                self.style.size,
-                json.loads(self.style.points),
-                instances=self.style.objects(session.scene),
-            )
-            rows = [
-                (number, *point.pixel, point.state)
-                for number, instance in sorted(tracer.instances.items())
-                for point in found.get(instance, {}).values()
-            ]
-            write_npy(folder / f"{Path(view.name).stem}.{KEYPOINTS}.npy", np.array(rows, np.float64).reshape(-1, 4))
-        for layer, pair in ((FLOW, (view.camera, view.after)), (FLOW_BACK, (view.before, view.camera))):
-            if layer in self.style.layers:
-                write_npy(folder / f"{Path(view.name).stem}.{layer}.npy", self._flow(session, pair, layer == FLOW_BACK))
+        for layer, values in self._traced_layers(session, view).items():
+            write_npy(folder / f"{Path(view.name).stem}.{layer}.npy", values)
         layers: dict[str, NDArray[Any]] = {name: results[name] for name in self.style.rendered}
         if self.style.sensor is not None:
             seed = numbered_seed(self.style.seed, number)
@@ -246,17 +234,52 @@ class RenderTask:
             layers=layers,
         )
 
-    def _flow(
-        self, session: DeviceSession, cameras: tuple[Camera | None, Camera | None], back: bool
-    ) -> NDArray[np.float32]:
-        """u, v and state (height, width, 3); NaN and "outside" where there is no other view."""
-        first, second = cameras
+    def _traced_layers(self, session: DeviceSession, view: View) -> dict[str, NDArray[Any]]:
+        """Those of TRACED that the style has."""
+        found: dict[str, NDArray[Any]] = {}
+        if SILHOUETTES in self.style.layers:
+            # BOP counts the pixels of an object around the picture too, which only pinhole cameras have.
+            around = 0.0 if view.camera.has_lens else 1.0
+            runs, _ = trace_silhouettes(session.ray_tracer(), view.camera, self.style.size, around=around)
+            found[SILHOUETTES] = runs
+        if KEYPOINTS in self.style.layers:
+            found[KEYPOINTS] = self._keypoint_rows(session, view)
+        if FLOW in self.style.layers:
+            flow, _ = self._flows(session, view.camera, view.after)
+            found[FLOW] = flow
+        if FLOW_BACK in self.style.layers:
+            _, flow_back = self._flows(session, view.before, view.camera)
+            found[FLOW_BACK] = flow_back
+        return found
+
+    def _keypoint_rows(self, session: DeviceSession, view: View) -> NDArray[np.float64]:
+        """A row of the instance's number, u, v and state for each keypoint, (N, 4)."""
+        tracer = session.ray_tracer()
+        points = json.loads(self.style.points)
+        objects = self.style.objects(session.scene)
+        found = keypoints(tracer, view.camera, self.style.size, points, instances=objects)
+        rows = [
+            (number, *point.pixel, point.state)
+            for number, instance in sorted(tracer.instances.items())
+            for point in found.get(instance, {}).values()
+        ]
+        return np.array(rows, np.float64).reshape(-1, 4)
+
+    def _flows(
+        self, session: DeviceSession, first: Camera | None, second: Camera | None
+    ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        """u, v and state (height, width, 3) from the first view to the second, and back; NaN and "outside" where there
+        is no other view."""
         if first is None or second is None:
             nothing = np.full((self.style.size[1], self.style.size[0], 3), np.nan, np.float32)
             nothing[..., 2] = OUTSIDE
-            return nothing
-        found = optical_flow(session.ray_tracer(), (first, second), self.style.size)[back]
-        return np.concatenate([found.flow, found.state[..., None]], axis=-1).astype(np.float32)
+            return nothing, nothing
+        forward, backward = optical_flow(session.ray_tracer(), (first, second), self.style.size)
+        return _flow_layer(forward), _flow_layer(backward)
+
+
+def _flow_layer(found: Flow) -> NDArray[np.float32]:
+    return np.concatenate([found.flow, found.state[..., None]], axis=-1).astype(np.float32)
 
 
 def blocks(style: Style, views: Sequence[View], *, length: int = BLOCK) -> list[RenderTask]:
@@ -266,8 +289,10 @@ def blocks(style: Style, views: Sequence[View], *, length: int = BLOCK) -> list[
     """
     tasks = []
     for start in range(0, len(views), length):
+        # A later block has at least one frame before it, whose positions give the first picture its motion vectors.
         count = style.warm_up if start == 0 else max(style.warm_up, 1)
-        earlier = [view for view in views[:start] for _ in range(style.frames)][-count:] if count else []
+        frames = [view for view in views[:start] for _ in range(style.frames)]
+        earlier = frames[-count:] if count else []
         before = [views[0]] * (count - len(earlier)) + earlier
         tasks.append(RenderTask(style, start, tuple(views[start : start + length]), tuple(before)))
     return tasks

@@ -65,12 +65,12 @@ class Views(Hints):
         return len(self._frames)
 
     def __getitem__(self, number: int) -> Sample:
-        frame = self._frames[operator.index(number)]  # whose IndexError ends loops
-        paths = {name: frame["file_path" if name == "rgb" else "layer_paths"] for name in self.names}
-        return Sample({name: self._read(path, name) for name, path in paths.items()})
+        # The list's own IndexError ends `for` loops over views, as Python's sequences do.
+        frame = self._frames[operator.index(number)]
+        paths = {"rgb": frame["file_path"], **frame["layer_paths"]}
+        return Sample({name: self._read(self.folder / paths[name]) for name in self.names})
 
-    def _read(self, path: Any, name: str) -> NDArray[Any]:
-        file = self.folder / (path if name == "rgb" else path[name])
+    def _read(self, file: Path) -> NDArray[Any]:
         if file.suffix != ".npy":
             return (read_pixels(file)[..., :3] / np.float32(255)).astype(np.float32)
         try:

@@ -16,22 +16,14 @@ HOW = ("choose", "log")
 
 def stream(seed: int, number: int, place: str) -> np.random.Generator:
     """The random numbers of one value in one picture: others don't change them."""
+    # A checksum of the place, and not Python's `hash`, which differs from process to process.
     return np.random.default_rng((seed, number, zlib.crc32(place.encode())))
 
 
 def check(value: Any, place: str) -> None:
     """Raise SolariError for what no value can be drawn from. place: the file and the keys, for messages."""
     if isinstance(value, Mapping):
-        for name in value:
-            if name not in HOW:
-                raise unknown_name(f"{place}: there is no way to draw", name, HOW)
-        if len(value) != 1:
-            raise SolariError(f"{place}: give one of {' and '.join(HOW)}")
-        ((how, given),) = value.items()
-        if how == "choose" and (not isinstance(given, list) or not given):
-            raise SolariError(f"{place}: choose takes a list of values, not {quoted(given)}")
-        if how == "log" and not (_is_range(given) and all(np.ravel(given) > 0)):
-            raise SolariError(f"{place}: log takes two numbers above 0, not {quoted(given)}")
+        _check_distribution(value, place)
         return
     values = value if isinstance(value, list) else [value]
     is_plain = all(isinstance(one, str | bool) for one in values) and values
@@ -42,11 +34,26 @@ def check(value: Any, place: str) -> None:
         )
 
 
+def _check_distribution(value: Mapping[Any, Any], place: str) -> None:
+    """Raise SolariError for what isn't {choose: [...]} or {log: [low, high]}."""
+    for name in value:
+        if name not in HOW:
+            raise unknown_name(f"{place}: there is no way to draw", name, HOW)
+    if len(value) != 1:
+        raise SolariError(f"{place}: give one of {' and '.join(HOW)}")
+    ((how, argument),) = value.items()
+    if how == "choose" and (not isinstance(argument, list) or not argument):
+        raise SolariError(f"{place}: choose takes a list of values, not {quoted(argument)}")
+    if how == "log" and not (_is_range(argument) and all(np.ravel(argument) > 0)):
+        raise SolariError(f"{place}: log takes two numbers above 0, not {quoted(argument)}")
+
+
 def draw(value: Any, random: np.random.Generator) -> Any:
     """A value from what `check` accepts: itself; of texts one; of [a, b] and [[a, ...], [b, ...]] one between."""
     if isinstance(value, Mapping):
         if "choose" in value:
             return value["choose"][int(random.integers(len(value["choose"])))]
+        # The logarithm is uniform: each decade of a range is as likely as the next.
         low, high = (np.log(np.asarray(bound, np.float64)) for bound in value["log"])
         return _plain(np.exp(random.uniform(low, high)))
     if isinstance(value, list) and isinstance(value[0], str):
@@ -59,13 +66,14 @@ def draw(value: Any, random: np.random.Generator) -> Any:
 
 def largest(value: Any) -> float:
     """The largest number that `draw` gives; 0 for none."""
-    given = next(iter(value.values())) if isinstance(value, Mapping) else value
-    return float(np.max(given)) if is_numbers(given) else 0.0
+    numbers = next(iter(value.values())) if isinstance(value, Mapping) else value
+    return float(np.max(numbers)) if is_numbers(numbers) else 0.0
 
 
 def is_numbers(value: Any) -> bool:
     """Whether it is a finite number, or a list of them."""
     values = value if isinstance(value, list) else [value]
+    # In Python a bool is an int, in YAML true is no number.
     return bool(values) and all(
         isinstance(one, int | float) and not isinstance(one, bool) and math.isfinite(one) for one in values
     )

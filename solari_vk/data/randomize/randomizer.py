@@ -18,9 +18,10 @@ from solari_vk.base.errors import SolariError
 from solari_vk.base.files import read_regular
 from solari_vk.data.randomize.draws import stream
 from solari_vk.data.randomize.recipe import Recipe, check_recipe, files_of
-from solari_vk.data.randomize.snapshot import Snapshot
 from solari_vk.scene.checks import check_whole
+from solari_vk.scene.collection import Items
 from solari_vk.scene.model import Camera, Instance, Scene
+from solari_vk.scene.observed import Checked
 
 FUNCTIONS = ("prepare", "randomize", "camera")
 
@@ -58,6 +59,7 @@ class Randomizer:
             _functions(str(file), text)
             return cls(str(file), text, seed)
         recipe = _read(str(file), text)
+        # With the hashes a worker, or a later run into the same folder, notices that a picture was replaced.
         sums = []
         for name in files_of(recipe):
             data = read_regular(file.parent / name, f"{path}: {name}")
@@ -65,7 +67,8 @@ class Randomizer:
         return cls(str(file), text, recipe.get("seed", seed), tuple(sums))
 
     @property
-    def _made(self) -> Any:
+    def _recipe(self) -> Any:
+        """What does the work. It is made anew from the text each time, because workers get a pickled Randomizer."""
         if self.path.endswith(".py"):
             return _Functions(self.path, self.text, self.seed)
         path = Path(self.path)
@@ -76,19 +79,19 @@ class Randomizer:
 
         Raises SolariError for patterns that fit nothing, and for a scene that has objects of distractors' names.
         """
-        self._made.prepare(scene)
+        self._recipe.prepare(scene)
 
     def objects(self, scene: Scene) -> list[Instance]:
         """The instances of a prepared scene that have labels: all but distractors."""
-        found: list[Instance] = self._made.objects(scene)
+        found: list[Instance] = self._recipe.objects(scene)
         return found
 
     @contextmanager
     def applied(self, scene: Scene, number: int) -> Iterator[None]:
         """Change a prepared scene as picture `number` has it, and back at the end."""
-        snapshot = Snapshot(scene)
+        snapshot = _Snapshot(scene)
         try:
-            self._made.randomize(scene, number)
+            self._recipe.randomize(scene, number)
             snapshot.check_members(Path(self.path).name)
             yield
         finally:
@@ -96,7 +99,7 @@ class Randomizer:
 
     def camera(self, camera: Camera, number: int) -> None:
         """Change the camera of picture `number`."""
-        self._made.camera(camera, number)
+        self._recipe.camera(camera, number)
 
 
 @lru_cache(maxsize=8)
@@ -113,8 +116,9 @@ def _read(path: str, text: str) -> Any:
 
 @lru_cache(maxsize=8)
 def _functions(path: str, text: str) -> dict[str, Any]:
+    # Executed from the text and not imported: a worker may not have the file, and the text is what the journal hashes.
     space: dict[str, Any] = {"__name__": "randomizer", "__file__": path}
-    with _blame(path):
+    with _naming_the_line(path):
         exec(compile(text, path, "exec"), space)
     found = {name: space[name] for name in FUNCTIONS if callable(space.get(name))}
     if not found:
@@ -123,11 +127,12 @@ def _functions(path: str, text: str) -> dict[str, Any]:
 
 
 @contextmanager
-def _blame(path: str) -> Iterator[None]:
+def _naming_the_line(path: str) -> Iterator[None]:
     """Turn what a user's code raises into an error that names its file and line."""
     try:
         yield
     except Exception as error:
+        # The deepest line of the user's own file; a syntax error has no frame there but names its line itself.
         lines = [frame.lineno for frame in traceback.extract_tb(error.__traceback__) if frame.filename == path]
         line = lines[-1] if lines else getattr(error, "lineno", None)
         raise SolariError(f"{Path(path).name}, line {line}: {type(error).__name__}: {error}") from error
@@ -137,12 +142,14 @@ class _Functions:
     """The functions of a Python file at work."""
 
     def __init__(self, path: str, text: str, seed: int) -> None:
-        self._functions, self._path, self._seed = _functions(path, text), path, seed
+        self._functions = _functions(path, text)
+        self._path = path
+        self._seed = seed
 
-    def _call(self, name: str, *given: Any) -> None:
+    def _call(self, name: str, *arguments: Any) -> None:
         if name in self._functions:
-            with _blame(self._path):
-                self._functions[name](*given)
+            with _naming_the_line(self._path):
+                self._functions[name](*arguments)
 
     def _random(self, number: int, name: str) -> np.random.Generator:
         return stream(self._seed, number, name)
@@ -158,3 +165,41 @@ class _Functions:
 
     def camera(self, camera: Camera, number: int) -> None:
         self._call("camera", camera, self._random(number, "camera"), number)
+
+
+class _Snapshot:
+    """A scene as it was: the fields of its instances, meshes, materials and lights."""
+
+    def __init__(self, scene: Scene) -> None:
+        self._scene = scene
+        # The lists and the fields hold references, not copies: arrays of scene objects are read-only.
+        self._members = list(scene.instances), list(scene.lights)
+        objects: list[Checked] = [*scene.instances, *scene.meshes, *scene.materials, *scene.lights]
+        self._fields = [(item, {name: getattr(item, name) for name in type(item)._names}) for item in objects]
+
+    def check_members(self, who: str) -> None:
+        """Raise SolariError if instances or lights were added or removed."""
+        if (list(self._scene.instances), list(self._scene.lights)) != self._members:
+            raise SolariError(
+                f"{who}: adds or removes instances or lights: add them in prepare(scene), and change "
+                "their visible or intensity here"
+            )
+
+    def restore(self) -> None:
+        """Give all fields the values that they had, and take away what was added."""
+        instances, lights = self._members
+        if list(self._scene.instances) != instances:
+            _refill(self._scene.instances, instances)
+        if list(self._scene.lights) != lights:
+            _refill(self._scene.lights, lights)
+        # Only what differs is assigned, because each assignment makes the device's copy stale.
+        for item, fields in self._fields:
+            changed = {name: value for name, value in fields.items() if getattr(item, name) is not value}
+            if changed:
+                item.update(**changed)
+
+
+def _refill(items: Items[Any], members: list[Any]) -> None:
+    items.clear()
+    for member in members:
+        items.add(member)

@@ -26,7 +26,7 @@ from solari_vk.scene.observed import Checked
 from solari_vk.scene.placement import PARTS
 
 MOST_DISTRACTORS = 1000
-PREFIX = "distractor "  # of the names of those, by which workers know them
+PREFIX = "distractor "  # of their names: workers get the scene without being told which objects were added
 DISTRACTORS = ("count", "shapes", "size", "within", "material")
 SHAPES = ("box", "sphere", "cylinder", "cone", "capsule", "torus")
 RELATIVE: dict[str, tuple[str, ...]] = {
@@ -48,57 +48,67 @@ def check_recipe(recipe: Any, who: str) -> None:
     _check_values(recipe.get("cameras", {}), f"{who}: cameras", _known("cameras", Camera))
     _check_values(recipe.get("environment", {}), f"{who}: environment", _known("environment", Environment))
     for name in PATTERNS:
-        place = f"{who}: {name}"
-        if not isinstance(recipe.get(name, {}), Mapping):
-            raise SolariError(f'{place}: must have patterns of names, such as "Chair*", not {quoted(recipe[name])}')
-        for pattern, values in recipe.get(name, {}).items():
-            if not isinstance(pattern, str):
-                raise SolariError(f"{place}: a pattern of names is text, not {quoted(pattern)}: put it in quotes")
-            known = {"instances": _known(name, Instance), "materials": _known(name, Material)}.get(name)
-            _check_values(values, f"{place}: {pattern}", known)
-    given = recipe.get("distractors", {})
-    place = f"{who}: distractors"
-    _check_values(
-        {name: value for name, value in _mapping(given, place).items() if name != "material"}, place, DISTRACTORS
-    )
-    _check_values(given.get("material", {}), f"{place}: material", _known("materials", Material))
-    wanted = given.get("shapes", [])
-    wanted = wanted.get("choose", [None]) if isinstance(wanted, Mapping) else wanted
-    for shape in wanted if isinstance(wanted, list) else [wanted]:
-        if shape not in SHAPES:
-            raise unknown_name(f"{place}: shapes: there is no shape", shape, SHAPES)
-    count = given.get("count", 1)
-    counts = next(iter(count.values())) if isinstance(count, Mapping) else count
-    is_number = is_numbers(counts) and np.ndim(draw(count, stream(0, 0, ""))) == 0
-    if not is_number or largest(count) > MOST_DISTRACTORS:
-        raise SolariError(f"{place}: count: is a number up to {MOST_DISTRACTORS}, not {quoted(given['count'])}")
-    if "within" in given and np.shape(given["within"]) != (2, 3):
-        raise SolariError(f"{place}: within: is a box, [[x, y, z], [x, y, z]], not {quoted(given['within'])}")
+        _check_patterns(name, recipe.get(name, {}), f"{who}: {name}")
+    _check_distractors(recipe.get("distractors", {}), f"{who}: distractors")
     check_whole(f"{who}: seed:", recipe.get("seed", 0))
 
 
+def _check_patterns(section: str, patterns: Any, place: str) -> None:
+    """Check a section in which patterns of names have keys and values."""
+    if not isinstance(patterns, Mapping):
+        raise SolariError(f'{place}: must have patterns of names, such as "Chair*", not {quoted(patterns)}')
+    # Which keys a light has depends on its kind, and so on the scene: `prepare` checks them.
+    known = {"instances": _known(section, Instance), "materials": _known(section, Material)}.get(section)
+    for pattern, values in patterns.items():
+        if not isinstance(pattern, str):
+            raise SolariError(f"{place}: a pattern of names is text, not {quoted(pattern)}: put it in quotes")
+        _check_values(values, f"{place}: {pattern}", known)
+
+
+def _check_distractors(section: Any, place: str) -> None:
+    own_values = {name: value for name, value in _mapping(section, place).items() if name != "material"}
+    _check_values(own_values, place, DISTRACTORS)
+    _check_values(section.get("material", {}), f"{place}: material", _known("materials", Material))
+    shapes_given = section.get("shapes", [])
+    if isinstance(shapes_given, Mapping):
+        shapes_given = shapes_given.get("choose", [None])
+    for shape in shapes_given if isinstance(shapes_given, list) else [shapes_given]:
+        if shape not in SHAPES:
+            raise unknown_name(f"{place}: shapes: there is no shape", shape, SHAPES)
+    count = section.get("count", 1)
+    counts = next(iter(count.values())) if isinstance(count, Mapping) else count
+    # A trial draw tells a number from a vector, whatever distribution it is drawn from.
+    is_number = is_numbers(counts) and np.ndim(draw(count, stream(0, 0, ""))) == 0
+    if not is_number or largest(count) > MOST_DISTRACTORS:
+        raise SolariError(f"{place}: count: is a number up to {MOST_DISTRACTORS}, not {quoted(section['count'])}")
+    if "within" in section and np.shape(section["within"]) != (2, 3):
+        raise SolariError(f"{place}: within: is a box, [[x, y, z], [x, y, z]], not {quoted(section['within'])}")
+
+
 def _known(section: str, kind: type[Checked]) -> tuple[str, ...]:
+    """The keys of a section: relative changes, and the fields of its objects."""
+    # Names and labels are what patterns and annotations go by: pictures don't change them.
     fields = (name for name in kind._names if name not in ("name", "label", "part_of"))
     return (*RELATIVE[section], *fields, *kind._aliases, *kind._derived)
 
 
-def _mapping(given: Any, place: str) -> Mapping[str, Any]:
-    if not isinstance(given, Mapping):
-        raise SolariError(f"{place}: must have keys and values, not {quoted(given)}")
-    return given
+def _mapping(section: Any, place: str) -> Mapping[str, Any]:
+    if not isinstance(section, Mapping):
+        raise SolariError(f"{place}: must have keys and values, not {quoted(section)}")
+    return section
 
 
-def _check_keys(given: Mapping[Any, Any], known: Iterable[str], place: str) -> None:
-    for name in given:
+def _check_keys(section: Mapping[Any, Any], known: Iterable[str], place: str) -> None:
+    for name in section:
         if name not in known:
             raise unknown_name(f"{place}: there is no key", name, known)
 
 
-def _check_values(given: Any, place: str, known: tuple[str, ...] | None) -> None:
+def _check_values(section: Any, place: str, known: tuple[str, ...] | None) -> None:
     """known: None if that depends on the scene."""
     if known is not None:
-        _check_keys(_mapping(given, place), known, place)
-    for name, value in _mapping(given, place).items():
+        _check_keys(_mapping(section, place), known, place)
+    for name, value in _mapping(section, place).items():
         check(value, f"{place}: {name}")
         if _is_picture(name) and not all(one is None or isinstance(one, str) for one in _choices(value)):
             raise SolariError(f"{place}: {name}: takes names of files, not {quoted(value)}")
@@ -111,8 +121,8 @@ def _is_picture(name: Any) -> bool:
 
 def _choices(value: Any) -> list[Any]:
     """The values that a picture's key gives one of."""
-    given = next(iter(value.values())) if isinstance(value, Mapping) else value
-    return given if isinstance(given, list) else [given]
+    choices = next(iter(value.values())) if isinstance(value, Mapping) else value
+    return choices if isinstance(choices, list) else [choices]
 
 
 def files_of(recipe: Mapping[str, Any]) -> list[str]:
@@ -137,29 +147,44 @@ class Recipe:
     """A checked recipe at work. who: the file, for messages. files: the SHA-256 of its pictures, by their names."""
 
     def __init__(self, recipe: Mapping[str, Any], who: str, folder: Path, seed: int, files: Mapping[str, str]) -> None:
-        self._recipe, self._who, self._folder, self._seed, self._files = recipe, who, folder, seed, files
+        self._recipe = recipe
+        self._who = who
+        self._folder = folder
+        self._seed = seed
+        self._files = files
 
     def prepare(self, scene: Scene) -> None:
         """Add what pictures show or hide: distractors, and an environment; check the patterns and the lights' keys."""
         if "distractors" in self._recipe:
-            for taken in (item for item in scene.instances if item.name.startswith(PREFIX)):
-                raise SolariError(
-                    f"{self._who}: distractors: {scene.describe()} has {taken.describe()} already: "
-                    f"prepare a scene once, and call its own objects otherwise"
-                )
-            for number in range(max(math.ceil(largest(self._recipe["distractors"].get("count", 1))), 0)):
-                scene.add(Instance(_shape("box"), name=f"{PREFIX}{number}", visible=False))
+            self._add_distractors(scene)
         if "environment" in self._recipe and not isinstance(scene.environment, Environment):
             scene.environment = Environment(0.0)
         for section in PATTERNS:
-            items = self._items(scene, section)
             for pattern, values in self._recipe.get(section, {}).items():
-                place = f"{self._who}: {section}"
-                fitting = [item for item in items if fits(item, pattern, scene.backdrop)]
-                if not fitting:
-                    raise unknown_name(f"{place}: nothing is named", pattern, [item.name for item in items])
-                for item in fitting if section == "lights" else ():
-                    _check_keys(values, _known("lights", type(item)), f"{place}: {pattern}")
+                self._check_pattern(scene, section, pattern, values)
+
+    def _add_distractors(self, scene: Scene) -> None:
+        """Add as many hidden objects as a picture shows at most: pictures change objects, and never their number."""
+        named = [item for item in scene.instances if item.name.startswith(PREFIX)]
+        if named:
+            raise SolariError(
+                f"{self._who}: distractors: {scene.describe()} has {named[0].describe()} already: "
+                f"prepare a scene once, and call its own objects otherwise"
+            )
+        most = math.ceil(largest(self._recipe["distractors"].get("count", 1)))
+        for number in range(max(most, 0)):
+            scene.add(Instance(_shape("box"), name=f"{PREFIX}{number}", visible=False))
+
+    def _check_pattern(self, scene: Scene, section: str, pattern: str, values: Mapping[str, Any]) -> None:
+        """Raise SolariError for a pattern that fits nothing, and for keys that the lights it fits don't have."""
+        place = f"{self._who}: {section}"
+        items = self._items(scene, section)
+        fitting = [item for item in items if fits(item, pattern, scene.backdrop)]
+        if not fitting:
+            raise unknown_name(f"{place}: nothing is named", pattern, [item.name for item in items])
+        if section == "lights":
+            for light in fitting:
+                _check_keys(values, _known("lights", type(light)), f"{place}: {pattern}")
 
     def objects(self, scene: Scene) -> list[Instance]:
         """The instances that aren't distractors."""
@@ -179,6 +204,7 @@ class Recipe:
             for pattern, values in self._recipe.get(section, {}).items():
                 items = enumerate(self._items(scene, section))
                 fitting = {index: item for index, item in items if fits(item, pattern, scene.backdrop)}
+                # One draw for all parts of an object, which move as one.
                 parts = objects_of(fitting) if section == "instances" else {index: [index] for index in fitting}
                 for index, others in parts.items():
                     place = f"{section}/{pattern}/{index}"
@@ -203,19 +229,23 @@ class Recipe:
         fields = {name: value for name, value in drawn.items() if name not in _RELATIVELY}
         for name, value in fields.items():
             if _is_picture(name) and value in self._files:
+                # The image of an environment is radiance; the pictures of textures are colors of 8 bits.
                 read = _radiance if name == "image" else _texture
                 fields[name] = read(self._folder / value, self._files[value], f"{self._who}: {value}")
-        with self._blame(place):
+        with self._naming_the_recipe(place):
             with _followed(item, others):
                 item.update(**fields)
+            # Other parts have followed the transform; the rest of the fields is theirs too.
+            shared = {name: value for name, value in fields.items() if name not in ("transform", *PARTS)}
             for other in others:
-                other.update(**{name: value for name, value in fields.items() if name not in ("transform", *PARTS)})
-            for name in (name for name in _RELATIVELY if name in drawn):
-                with _followed(item, others):
-                    _RELATIVELY[name](item, drawn[name], *others)
+                other.update(**shared)
+            for name, change in _RELATIVELY.items():
+                if name in drawn:
+                    with _followed(item, others):
+                        change(item, drawn[name], *others)
 
     @contextmanager
-    def _blame(self, place: str) -> Iterator[None]:
+    def _naming_the_recipe(self, place: str) -> Iterator[None]:
         """Name the recipe in errors of values that objects refuse."""
         try:
             yield
@@ -223,27 +253,26 @@ class Recipe:
             raise SolariError(f"{self._who}: {place}: {error}") from None
 
     def _place_distractors(self, scene: Scene, number: int) -> None:
-        given = {"count": 1, "shapes": list(SHAPES), "size": 0.1, "material": {}, **self._recipe["distractors"]}
+        section = {"count": 1, "shapes": list(SHAPES), "size": 0.1, "material": {}, **self._recipe["distractors"]}
         added = [item for item in scene.instances if item.name.startswith(PREFIX)]
         placed = [item for item in self.objects(scene) if item is not scene.backdrop]
-        low, high = given["within"] if "within" in given else _bounds(placed)
-        count = round(self._draw(given["count"], number, "distractors/count"))
-        for index, item in enumerate(added):
+        low, high = section["within"] if "within" in section else _bounds(placed)
+        count = round(self._draw(section["count"], number, "distractors/count"))
+        for index, item in enumerate(added[: max(count, 0)]):
             place = f"distractors/{index}"
-            if index >= count:
-                continue
             random = stream(self._seed, number, place)
+            # Four normal numbers as a unit quaternion: a uniform rotation (Shoemake, "Uniform Random Rotations", 1992).
             turn = random.normal(size=4)
-            with self._blame(place):
+            with self._naming_the_recipe(place):
                 item.update(
-                    mesh=_shape(self._draw(given["shapes"], number, f"{place}/shape")),
+                    mesh=_shape(self._draw(section["shapes"], number, f"{place}/shape")),
                     visible=True,
                     position=random.uniform(low, high),
                     rotation=(turn / np.linalg.norm(turn)).tolist(),
-                    scale=self._draw(given["size"], number, f"{place}/size"),
+                    scale=self._draw(section["size"], number, f"{place}/size"),
                     material=Material(name=item.name),
                 )
-            self._apply(item.material, given["material"], number, f"{place}/material")
+            self._apply(item.material, section["material"], number, f"{place}/material")
 
 
 def _bounds(items: Iterable[Instance]) -> Any:
@@ -255,6 +284,7 @@ def _followed(item: Any, others: Sequence[Instance]) -> Iterator[None]:
     """Move the others as the item is moved within."""
     back = np.linalg.inv(item.transform) if others else np.eye(4)
     yield
+    # The movement in the world, which takes the first part from its old place to the new one, takes the others too.
     for other in others:
         other.transform = item.transform @ back @ other.transform
 
@@ -269,6 +299,7 @@ def _turn(item: Any, degrees: float, *others: Instance) -> None:
     if not isinstance(item, Instance):
         item.rotation = about @ item.rotation
         return
+    # The box is along the object's own axes, so that its middle doesn't depend on how the object is turned.
     into = np.linalg.inv(item.transform)
     points = np.concatenate(
         [
@@ -278,7 +309,8 @@ def _turn(item: Any, degrees: float, *others: Instance) -> None:
     )
     middle = transform_points(item.transform, (points.min(axis=0) + points.max(axis=0)) / 2)
     move = np.eye(4)
-    move[:3, :3], move[:3, 3] = about, middle - about @ middle
+    move[:3, :3] = about
+    move[:3, 3] = middle - about @ middle
     item.transform = move @ item.transform
 
 

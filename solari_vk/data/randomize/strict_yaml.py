@@ -19,6 +19,9 @@ def read_yaml(text: str, who: str) -> Any:
 
 
 class _Loader(yaml.SafeLoader):  # type: ignore[misc]
+    """The safe loader makes plain values only, and no objects of classes that a file names."""
+
+    # The YAML specification forbids equal keys; PyYAML takes the last one without a word.
     def compose_mapping_node(self, anchor: Any) -> Any:
         node = super().compose_mapping_node(anchor)
         seen = set[tuple[str, str]]()
@@ -31,10 +34,12 @@ class _Loader(yaml.SafeLoader):  # type: ignore[misc]
             seen.add(name)
         return node
 
+    # YAML 1.1 takes 2001-99-99 for a date and 0o for a number. PyYAML lets Python's own errors through for those that
+    # there aren't, which name no line.
     def construct_object(self, node: Any, deep: bool = False) -> Any:
         try:
             return super().construct_object(node, deep)
-        except (ValueError, LookupError, AttributeError) as error:  # of numbers and dates that there aren't
+        except (ValueError, LookupError, AttributeError) as error:
             kind = node.tag.rpartition(":")[2]
             raise yaml.MarkedYAMLError(
                 problem=f"{quoted(node.value)} isn't of the kind {kind}: {error}", problem_mark=node.start_mark

@@ -8,11 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solari_vk.base.errors import SolariError, quoted, unknown_name
+from solari_vk.data.annotate.surfaces import behind
 from solari_vk.renderers.ray_tracer import RayTracer
 
 Floats = NDArray[np.float64]
-STEP = np.float32(1 + 2**-20)  # from one surface to the next: two that are closer, relative to the distance, are one
-INVISIBLE = 256  # surfaces that neither send back nor take light, which are passed beside those that count
+INVISIBLE = 256  # surfaces that neither reflect nor absorb light, which are passed beside those that count
 FAINTEST = 1e-4  # the share of a pulse, there and back, below which it isn't followed
 RED = 0  # the color that is nearest to the infrared, of which materials say nothing
 
@@ -40,7 +40,8 @@ def find_echoes(
     Surfaces that are fully transparent have no echo and don't count, up to INVISIBLE of them.
     """
     count = len(origins)
-    start, energy = np.full(count, t_min, np.float32), np.ones(count)
+    start = np.full(count, t_min, np.float32)
+    energy = np.ones(count)  # what a pulse still has after the surfaces that it passed, there and back
     left = np.full(count, surfaces)
     active = np.flatnonzero(np.isfinite(directions).all(axis=-1))
     parts = list[tuple[Any, ...]]()
@@ -49,13 +50,16 @@ def find_echoes(
             break
         hits, echoes = tracer.backscatter(origins[active], directions[active], t_min=start[active], t_max=t_max)
         there = hits.instance >= 0
-        active, hits, echoes = active[there], hits[there], echoes[there]
+        active = active[there]
+        hits = hits[there]
+        echoes = echoes[there]
         strength = np.pi * energy[active] * echoes.backscatter[:, RED]
         sends = strength > 0
         parts.append((active[sends], hits.t[sends].astype(np.float64), strength[sends], hits.instance[sends]))
         left[active] -= sends | (echoes.passed[:, RED] < 1)
+        # The echoes of farther surfaces pass this one a second time, so its transmission counts squared.
         energy[active] *= echoes.passed[:, RED].astype(np.float64) ** 2
-        start[active] = np.maximum(hits.t * STEP, np.nextafter(hits.t, np.float32(np.inf)))
+        start[active] = behind(hits.t)
         active = active[(energy[active] > FAINTEST) & (left[active] > 0)]
     if not parts:
         return Echoes(np.zeros(0, np.int64), np.zeros(0), np.zeros(0), np.zeros(0, np.int32))

@@ -17,7 +17,7 @@ from solari_vk.renderers.ray_tracer import RayTracer
 from solari_vk.scene import checks
 
 Floats = NDArray[np.float64]
-THRESHOLD_TO_NOISE = 6.0
+THRESHOLD_TO_NOISE = 6.0  # standard deviations: noise alone passes in one of 1e9 pulses
 NINETY_PERCENT = 1.2815515655446004  # standard deviations below which a normal number lies in nine of ten cases
 GOLDEN_ANGLE = math.pi * (3 - math.sqrt(5))
 FWHM_PER_SIGMA = 2 * math.sqrt(2 * math.log(2))
@@ -175,13 +175,12 @@ class Lidar:
     def _axes(self) -> tuple[Floats, Floats, Floats]:
         """What is right of each beam, above it, and along it, (channels, azimuth_steps, 3) each."""
         elevation, azimuth = np.meshgrid(self.elevations, self.column_azimuths, indexing="ij")
-        flat, high, zero = np.cos(elevation), np.sin(elevation), np.zeros_like(elevation)
+        level, height = np.cos(elevation), np.sin(elevation)
         sine, cosine = np.sin(azimuth), np.cos(azimuth)
-        return (
-            np.stack([cosine, zero, sine], -1),
-            np.stack([-high * sine, flat, high * cosine], -1),
-            np.stack([flat * sine, high, -flat * cosine], -1),
-        )
+        right = np.stack([cosine, np.zeros_like(elevation), sine], -1)
+        up = np.stack([-height * sine, level, height * cosine], -1)
+        along = np.stack([level * sine, height, -level * cosine], -1)
+        return right, up, along
 
     def scan(
         self, tracer: RayTracer, pose: ArrayLike | Callable[[float], ArrayLike], *, seed: int = 0, noise: bool = True
@@ -198,22 +197,28 @@ class Lidar:
         poses = self._poses(pose)
         right, up, along = self._axes()
         shape = (*along.shape[:2], self.rays_per_beam)
+        # Angles are so small that their tangents are they themselves; FWHM / 2.355 is a Gaussian's standard deviation.
         offsets = _beam_profile(self.rays_per_beam) * self.divergence / FWHM_PER_SIGMA
         rays = along[:, :, None] + right[:, :, None] * offsets[:, :1] + up[:, :, None] * offsets[:, 1:]
         rays /= np.linalg.norm(rays, axis=-1, keepdims=True)
+        # Each column (s) of each channel (c) has rays (r), which the pose of the column turns.
         rays = np.einsum("sij,csrj->csri", poses[:, :3, :3], rays).reshape(-1, 3)
         origins = np.broadcast_to(poses[None, :, None, :3, 3], (*shape, 3)).reshape(-1, 3)
         found = find_echoes(tracer, origins, rays, 0.0, self.max_range, self.max_surfaces)
         return self._detect(found, poses, np.einsum("sij,csj->csi", poses[:, :3, :3], along), seed, noise)
 
     def _detect(self, found: Echoes, poses: Floats, along: Floats, seed: int, noise: bool) -> LidarScan:
+        """What the receiver makes of echoes: those of a beam that are close are one, and weak ones are lost."""
         channels, steps = along.shape[:2]
         rng = np.random.default_rng(seed)
-        keep = found.distance >= self.min_range
-        rays = found.ray[keep] // self.rays_per_beam
-        order = np.lexsort((found.distance[keep], rays))
-        beam, distance, instance = rays[order], found.distance[keep][order], found.instance[keep][order]
-        power = found.strength[keep][order] / self.rays_per_beam / distance**2
+        # The echoes by beam, and of a beam by distance.
+        kept = np.flatnonzero(found.distance >= self.min_range)
+        order = kept[np.lexsort((found.distance[kept], found.ray[kept] // self.rays_per_beam))]
+        beam = found.ray[order] // self.rays_per_beam
+        distance = found.distance[order]
+        instance = found.instance[order]
+        # A beam's rays have equal shares of its power, which falls with the squared distance.
+        power = found.strength[order] / self.rays_per_beam / distance**2
         # Echoes of a beam that follow each other within the separation are one.
         apart = np.diff(distance, prepend=-np.inf) > self.separation
         begins = np.flatnonzero((np.diff(beam, prepend=-1) != 0) | apart)
@@ -223,22 +228,29 @@ class Lidar:
         beam = beam[begins]
         brightest = _brightest(power, begins)
         threshold, sigma = self._receiver()
-        amplitude = total + sigma * rng.standard_normal(len(total)) * noise
-        measured = mean + self.range_noise * rng.standard_normal(len(total)) * noise
+        amplitude, measured = total, mean
+        if noise:
+            amplitude = total + sigma * rng.standard_normal(len(total))
+            measured = mean + self.range_noise * rng.standard_normal(len(total))
         if self.range_resolution:
             measured = np.round(measured / self.range_resolution) * self.range_resolution
+        # Of a beam the strongest returns count, and those then stand by distance.
         seen = np.flatnonzero((amplitude > threshold) & (total > 0))
         seen = seen[np.lexsort((-amplitude[seen], beam[seen]))]
         seen = seen[_rank(beam[seen]) < self.returns]
         seen = seen[np.lexsort((mean[seen], beam[seen]))]
-        at = (*np.divmod(beam[seen], steps), _rank(beam[seen]))
+        channel, column = np.divmod(beam[seen], steps)
+        place = channel, column, _rank(beam[seen])
         shape = channels, steps, self.returns
-        distances, intensity = np.full(shape, np.nan), np.zeros(shape)
-        instances, positions = np.full(shape, -1, np.int32), np.full((*shape, 3), np.nan)
-        distances[at], intensity[at] = measured[seen], amplitude[seen] * mean[seen] ** 2
-        instances[at] = instance[brightest[seen]]
-        origins = poses[at[1], :3, 3]
-        positions[at] = origins + measured[seen, None] * along[at[:2]]
+        distances = np.full(shape, np.nan)
+        distances[place] = measured[seen]
+        # The power times the squared distance is the reflectivity of a Lambertian surface.
+        intensity = np.zeros(shape)
+        intensity[place] = amplitude[seen] * mean[seen] ** 2
+        instances = np.full(shape, -1, np.int32)
+        instances[place] = instance[brightest[seen]]
+        positions = np.full((*shape, 3), np.nan)
+        positions[place] = poses[column, :3, 3] + measured[seen, None] * along[channel, column]
         return LidarScan(distances, intensity, instances, positions, self.column_times, poses, self.directions)
 
     def _receiver(self) -> tuple[float, float]:
@@ -246,19 +258,21 @@ class Lidar:
         distance, reflectivity = self.reference
         if not distance:
             return 0.0, 0.0
+        # The reference's power lies so far above the threshold that nine of ten numbers of the noise leave it there:
+        # power = threshold + 1.28 sigma, and sigma = threshold / 6.
         threshold = reflectivity / distance**2 / (1 + NINETY_PERCENT / THRESHOLD_TO_NOISE)
         return threshold, threshold / THRESHOLD_TO_NOISE
 
     def _poses(self, pose: Any) -> Floats:
         """One for each column, (azimuth_steps, 4, 4)."""
         steps = self.azimuth_steps
-        given = [pose(time) for time in self.column_times.tolist()] if callable(pose) else pose
+        poses = [pose(time) for time in self.column_times.tolist()] if callable(pose) else pose
         try:
-            if np.shape(given) in ((3,), (3, 4), (4, 4)):
-                return np.broadcast_to(checks.affine_transform(given), (steps, 4, 4))
-            if len(given) != steps:
-                raise ValueError(f"are one transform, or one for each of {steps} columns, not {len(given)}")
-            return np.stack([checks.affine_transform(one) for one in given])
+            if np.shape(poses) in ((3,), (3, 4), (4, 4)):
+                return np.broadcast_to(checks.affine_transform(poses), (steps, 4, 4))
+            if len(poses) != steps:
+                raise ValueError(f"are one transform, or one for each of {steps} columns, not {len(poses)}")
+            return np.stack([checks.affine_transform(one) for one in poses])
         except (TypeError, ValueError, OverflowError) as error:
             raise SolariError(f"Lidar.scan: poses {error}") from None
 
@@ -268,10 +282,15 @@ def _beam_profile(count: int) -> Floats:
     Better Way to Construct the Sunflower Head" (1979)."""
     if count == 1:
         return np.zeros((1, 2))
+    # Each ray stands for a ring of equal power: the radius inverts the Gaussian's share of power inside it. Turning by
+    # the golden angle from ray to ray spreads them evenly for any count.
     number = np.arange(count)
     radius = np.sqrt(-2 * np.log1p(-(number + 0.5) / count))
     around = np.stack([np.cos(number * GOLDEN_ANGLE), np.sin(number * GOLDEN_ANGLE)], -1)
     return np.asarray(radius[:, None] * around, np.float64)
+
+
+# ---- groups of neighboring elements, by the index at which each begins ------------------------------
 
 
 def _sums(values: Floats, begins: NDArray[np.int64]) -> Floats:

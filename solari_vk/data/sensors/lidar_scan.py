@@ -29,6 +29,7 @@ POINT = np.dtype(
         ("instance", "<i4"),
     ]
 )
+# PLY's names of types (Turk, "The PLY Polygon File Format", 1994), by numpy's.
 PLY_TYPES = {"<f4": "float", "<u2": "ushort", "|u1": "uchar", "<i4": "int"}
 
 
@@ -69,7 +70,9 @@ class LidarScan:
         for name in ("intensity", "distance", "instance"):
             records[name] = getattr(self, name)[found]
         records["time"] = self.time[column]
-        records["channel"], records["column"], records["number"] = channel, column, number
+        records["channel"] = channel
+        records["column"] = column
+        records["number"] = number
         return records
 
     def save(self, path: str | os.PathLike[str]) -> None:
@@ -86,6 +89,7 @@ class LidarScan:
 
 def _ply(points: NDArray[Any]) -> bytes:
     fields: Any = points.dtype.fields
+    # The records are packed in the order of the properties, so their bytes are the file's.
     properties = (f"property {PLY_TYPES[fields[name][0].str]} {name}" for name in points.dtype.names or ())
     header = ("ply", "format binary_little_endian 1.0", f"element vertex {len(points)}", *properties, "end_header\n")
     return "\n".join(header).encode() + points.tobytes()

@@ -22,7 +22,6 @@ from solari_vk.base.errors import SolariError, quoted, unknown_name
 from solari_vk.base.files import read_json
 from solari_vk.data.sensors import optics
 from solari_vk.data.sensors.echoes import checked_numbers
-from solari_vk.data.sensors.mosaic import PATTERNS, bayer_colors, demosaic
 from solari_vk.scene import checks
 from solari_vk.scene.model import Camera
 
@@ -78,7 +77,13 @@ class Sensor:
     bayer: str = ""
 
     def __post_init__(self) -> None:
-        given: dict[str, tuple[float, float, str]] = {
+        self._check_ranges()
+        self._check_vectors()
+        self._check_choices()
+        self._check_levels()
+
+    def _check_ranges(self) -> None:
+        ranges: dict[str, tuple[float, float, str]] = {
             "iso": (1e-3, 1e9, ""),
             "gain": (1e-9, 1e9, "DN for each electron"),
             "f_number": (0.1, 1e3, ""),
@@ -91,26 +96,35 @@ class Sensor:
             "prnu": (0, 1, ""),
             "dsnu": (0, 1e9, "electrons"),
         }
-        checked_numbers(self, {name: rule for name, rule in given.items() if getattr(self, name) is not None})
+        checked_numbers(self, {name: limits for name, limits in ranges.items() if getattr(self, name) is not None})
         checks.check_whole("Sensor: bit_depth", self.bit_depth, 1, 16)
         checks.check_whole("Sensor: pattern_seed", self.pattern_seed)
-        for name, shape in (("quantum_efficiency", 3), ("chromatic_aberration", 2)):
+
+    def _check_vectors(self) -> None:
+        """Make tuples of one number for each color, and check them."""
+        for name, length in (("quantum_efficiency", 3), ("chromatic_aberration", 2)):
             try:
-                values = np.broadcast_to(checks.real(getattr(self, name), np.float64), (shape,))
+                values = np.broadcast_to(checks.real(getattr(self, name), np.float64), (length,))
                 checks.refuse_not_finite(values)
             except (TypeError, ValueError, OverflowError) as error:
                 raise SolariError(f"Sensor: {name}: {error}") from None
-            object.__setattr__(self, name, tuple(values.tolist()))
+            object.__setattr__(self, name, tuple(values.tolist()))  # the dataclass is frozen
         if not all(0 < efficiency <= 1 for efficiency in self._efficiency):
             raise SolariError(f"Sensor: quantum_efficiency lies between 0 and 1, not {self.quantum_efficiency}")
         if max(map(abs, self.chromatic_aberration)) > 0.1:
             raise SolariError(f"Sensor: chromatic_aberration lies within 0.1, not {self.chromatic_aberration}")
-        if self.bayer not in ("", *PATTERNS):
-            raise unknown_name("Sensor: there is no Bayer pattern", self.bayer, PATTERNS)
+
+    def _check_choices(self) -> None:
+        if self.bayer not in ("", *optics.BAYER_PATTERNS):
+            raise unknown_name("Sensor: there is no Bayer pattern", self.bayer, optics.BAYER_PATTERNS)
         if isinstance(self.vignetting, str) and self.vignetting not in ("none", "cos4"):
             raise SolariError(f'Sensor: vignetting is "none", "cos4" or coefficients, not {quoted(self.vignetting)}')
         if self.iso is not None and self.gain is not None:
             raise SolariError("Sensor: iso and gain say the same: give one of them")
+
+    def _check_levels(self) -> None:
+        """Check the numbers that depend on each other."""
+        # base_iso is printed with few digits, and must be taken back as it was printed.
         if self.iso is not None and self.iso < self.base_iso * (1 - 1e-3):
             well = self.full_well * self.base_iso / self.iso
             raise SolariError(
@@ -143,9 +157,10 @@ class Sensor:
         for name in values:
             if name not in known:
                 raise unknown_name(f"{who}: a sensor has no", name, known)
-        given: dict[str, Any] = {name: tuple(v) if isinstance(v, list) else v for name, v in values.items()}
+        # JSON has lists where the fields are tuples.
+        arguments: dict[str, Any] = {name: tuple(v) if isinstance(v, list) else v for name, v in values.items()}
         try:
-            return cls(**given)
+            return cls(**arguments)
         except SolariError as error:
             raise SolariError(str(error).replace("Sensor", who, 1)) from None
 
@@ -198,6 +213,7 @@ class Sensor:
 
     def for_ev100(self, ev100: float) -> Sensor:
         """The same sensor with the exposure time at which a camera's ev100 makes the same radiance white."""
+        # With a gain, the speed follows from the exposure at which digital numbers end: ISO 12232's saturation speed.
         iso = self.iso or SATURATION / (self._white_electrons / self.electrons_per_exposure[GREEN])
         return dataclasses.replace(self, exposure_time=float(self.f_number**2 * 100 / iso / 2**ev100))
 
@@ -217,16 +233,26 @@ class Sensor:
         """
         checks.check_whole("Sensor.expose: seed", seed)
         light, dark = self._light_and_dark(radiance, camera)
-        rng, pattern = np.random.default_rng(seed), np.random.default_rng(self.pattern_seed)
-        patterned = bool(self.prnu or self.dsnu)
-        response, offset = (pattern.standard_normal(light.shape) if patterned else 0.0 for _ in range(2))
-        mean = light * np.maximum(1 + self.prnu * response, 0.0) + dark
-        most = 4 * self.full_well  # numpy's Poisson numbers have a limit; these pixels are full in any case
-        electrons = rng.poisson(np.minimum(mean, most)).astype(np.float64) if self.shot_noise else mean
+        rng = np.random.default_rng(seed)
+        response, offset = self._fixed_pattern(light.shape)
+        # The linear model of EMVA 1288: light and dark current make electrons, whose number has Poisson's noise ...
+        electrons = light * np.maximum(1 + self.prnu * response, 0.0) + dark
+        if self.shot_noise:
+            most = 4 * self.full_well  # numpy's Poisson numbers have a limit; these pixels are full in any case
+            electrons = rng.poisson(np.minimum(electrons, most)).astype(np.float64)
+        # ... a full well holds no more; reading it adds the noise of the electronics ...
         electrons = np.minimum(electrons, self.full_well)
-        electrons = electrons + self.read_noise * rng.standard_normal(mean.shape) + self.dsnu * offset
+        electrons = electrons + self.read_noise * rng.standard_normal(electrons.shape) + self.dsnu * offset
+        # ... and the converter rounds to whole numbers.
         numbers = np.floor(self.black_level + self.dn_per_electron * electrons + 0.5)
         return np.clip(numbers, 0, self.white_level).astype(np.uint16)
+
+    def _fixed_pattern(self, shape: tuple[int, ...]) -> tuple[Floats | float, Floats | float]:
+        """Standard normal numbers for the response of each pixel and for its dark signal, always the same."""
+        if not self.prnu and not self.dsnu:
+            return 0.0, 0.0
+        rng = np.random.default_rng(self.pattern_seed)
+        return rng.standard_normal(shape), rng.standard_normal(shape)
 
     def mean_electrons(self, radiance: ArrayLike, camera: Camera | None = None) -> Floats:
         """The expected electrons in each pixel, with those of the dark current, without the fixed patterns: the shape
@@ -237,32 +263,35 @@ class Sensor:
     def _light_and_dark(self, radiance: ArrayLike, camera: Camera | None) -> tuple[Floats, float]:
         """The expected electrons of light in each pixel, and those of the dark current."""
         camera = getattr(radiance, "camera", None) if camera is None else camera
-        timed, light = self._for(camera), np.asarray(radiance, np.float64)
+        timed = self._for(camera)
+        light = np.asarray(radiance, np.float64)
         if light.ndim != 3 or light.shape[2] != 3 or 0 in light.shape:
             raise SolariError(f"Sensor.expose: radiance has the shape (height, width, 3), not {light.shape}")
         if not np.isfinite(light).all():
             raise SolariError("Sensor.expose: radiance must be finite")
-        light = np.maximum(light, 0.0)
+        light = np.maximum(light, 0.0)  # denoisers may leave small negative numbers
         center = optics.principal_point(camera, light.shape[1], light.shape[0])
         if any(self.chromatic_aberration):
             light = optics.magnify_colors(light, center, self.chromatic_aberration)
         light = light * optics.relative_illumination(self.vignetting, camera, center, light.shape[:2])[..., None]
         electrons = light * timed.electrons_per_radiance
         if self.bayer:
-            colors = bayer_colors(self.bayer, light.shape[:2])
+            colors = optics.bayer_colors(self.bayer, light.shape[:2])
             electrons = np.take_along_axis(electrons, colors[..., None], axis=2)[..., 0]
         return electrons, self.dark_current * timed.seconds
 
     def develop(self, raw: ArrayLike, camera: Camera | None = None) -> Floats:
         """Radiance (height, width, 3) in cd/m² from raw digital numbers: without the black level and the mean dark
         signal, over the gain; a Bayer pattern is interpolated bilinearly. Vignetting stays. camera: as of `expose`."""
-        timed, numbers = self._for(camera), np.asarray(raw, np.float64)
+        timed = self._for(camera)
+        numbers = np.asarray(raw, np.float64)
         if numbers.ndim != (2 if self.bayer else 3):
             shape = "(height, width)" if self.bayer else "(height, width, 3)"
             raise SolariError(f"Sensor.develop: raw numbers have the shape {shape}, not {numbers.shape}")
         electrons = (numbers - self.black_level) / self.dn_per_electron - self.dark_current * timed.seconds
         if self.bayer:
-            electrons = demosaic(electrons, bayer_colors(self.bayer, (numbers.shape[0], numbers.shape[1])))
+            colors = optics.bayer_colors(self.bayer, (numbers.shape[0], numbers.shape[1]))
+            electrons = optics.demosaic(electrons, colors)
         found: Floats = electrons / timed.electrons_per_radiance
         return found
 
@@ -279,10 +308,14 @@ class Sensor:
         """
         dark = self.dark_current * self.seconds
         most = max(min(self._white_electrons, self.full_well) - dark, 0.0)
-        variance = self.read_noise**2 + dark * self.shot_noise + 1 / 12 / self.dn_per_electron**2
+        # Rounding to whole numbers has the variance of a uniform distribution one number wide, 1/12.
+        variance = self.read_noise**2 + (dark if self.shot_noise else 0.0) + 1 / 12 / self.dn_per_electron**2
         threshold = math.sqrt(variance) + 0.5
-        reach, ratio = (20 * math.log10(most / threshold), 10 * math.log10(most)) if most else (-math.inf, -math.inf)
+        dynamic_range = signal_to_noise = -math.inf
+        if most:
+            dynamic_range = 20 * math.log10(most / threshold)
+            signal_to_noise = 10 * math.log10(most)  # 20 log10(most / sqrt(most)): shot noise alone
         return (
             f"{self.dn_per_electron:.4g} DN/e-, saturation {most:.0f} e-, absolute threshold {threshold:.4g} e-, "
-            f"dynamic range {reach:.1f} dB, SNR {ratio:.1f} dB"
+            f"dynamic range {dynamic_range:.1f} dB, SNR {signal_to_noise:.1f} dB"
         )

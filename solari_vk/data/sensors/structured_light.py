@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solari_vk.base.errors import SolariError
-from solari_vk.data.annotate.surfaces import check_view, first_surfaces, pixel_rays
+from solari_vk.data.annotate.surfaces import SELF_OCCLUSION, check_view, first_surfaces, pixel_grid, pixel_rays
 from solari_vk.data.sensors.echoes import checked_numbers
 from solari_vk.renderers.ray_tracer import RayTracer
 from solari_vk.scene.checks import check_whole
@@ -17,7 +17,6 @@ from solari_vk.scene.model import Camera
 
 Floats = NDArray[np.float64]
 STEEPEST = math.pi / 2 - 1e-3  # radians: the noise of larger angles has no bound
-OWN_SURFACE = 1e-4  # of the distance, that a surface may be before a point and is its own
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -64,19 +63,23 @@ class StructuredLightCamera:
         if camera.orthographic_height or camera.projection != "perspective":
             raise SolariError(f"StructuredLightCamera.capture: {camera.describe()}: a perspective camera is needed")
         rng = np.random.default_rng(seed)
-        rows, columns = np.divmod(np.arange(size[0] * size[1]), size[0])
-        pixels = np.stack([columns, rows], -1).astype(np.float64)
-        along, beside = rng.standard_normal(len(pixels)), rng.standard_normal(pixels.shape)
+        pixels = pixel_grid(size)
+        axial = rng.standard_normal(len(pixels))
+        lateral = rng.standard_normal(pixels.shape)
         if noise:
-            angle = np.minimum(self._find(tracer, camera, pixels, size)[1], self.max_angle)
-            tangent = np.nan_to_num(angle / (math.pi / 2 - angle))
-            pixels = pixels + (0.8 + 0.035 * tangent)[:, None] * beside
+            # The lateral noise of Nguyen, Izadi and Lovell moves what a pixel shows, by the angle at its center.
+            _, angle = self._find(tracer, camera, pixels, size)
+            angle = np.minimum(angle, self.max_angle)
+            steepness = np.nan_to_num(angle / (math.pi / 2 - angle))
+            pixels = pixels + (0.8 + 0.035 * steepness)[:, None] * lateral
         depth, angle = self._find(tracer, camera, pixels, size)
         if noise:
-            turned = (angle / (math.pi / 2 - angle)) ** 2
-            depth = depth + along * (0.0012 + 0.0019 * (depth - 0.4) ** 2 + 0.0001 / np.sqrt(depth) * turned)
+            # Their axial noise changes the depth that is found there.
+            steepness = angle / (math.pi / 2 - angle)
+            depth = depth + axial * (0.0012 + 0.0019 * (depth - 0.4) ** 2 + 0.0001 / np.sqrt(depth) * steepness**2)
             depth = np.where(depth > 0, depth, np.nan)
         if self.disparity_step:
+            # Khoshelham and Elberink: the camera measures whole steps of disparity, f * baseline / depth.
             product = camera.intrinsics(size)[0, 0] * self.baseline
             steps = np.maximum(np.round(product / depth / self.disparity_step), 1)
             depth = product / (steps * self.disparity_step)
@@ -93,7 +96,8 @@ class StructuredLightCamera:
             return depth, angle
         points = origins[rays] + hits.t[:, None].astype(np.float64) * directions[rays]
         projector = camera.position + self.baseline * camera.rotation[:, 0]
-        shadow = tracer.trace(projector, points - projector, t_max=1 - OWN_SURFACE, any_hit=True)
+        # Directions reach from the projector to the points, so distances along them are shares of the way.
+        shadow = tracer.trace(projector, points - projector, t_max=1 - SELF_OCCLUSION, any_hit=True)
         lit = shadow.instance < 0
         forward = -camera.rotation[:, 2]
         depth[rays[lit]] = ((points - camera.position) @ forward)[lit]

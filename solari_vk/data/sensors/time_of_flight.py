@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solari_vk.base.errors import SolariError, quoted
-from solari_vk.data.annotate.surfaces import check_view
-from solari_vk.data.sensors.echoes import checked_numbers, find_echoes
+from solari_vk.data.annotate.surfaces import check_view, pixel_grid
+from solari_vk.data.sensors.echoes import Echoes, checked_numbers, find_echoes
 from solari_vk.renderers.ray_tracer import RayTracer
 from solari_vk.scene.checks import check_whole
 from solari_vk.scene.model import Camera
@@ -130,40 +130,52 @@ class TimeOfFlightCamera:
                 "out of one point"
             )
         count = self.rays_per_pixel
-        rows, columns = np.divmod(np.arange(size[0] * size[1]), size[0])
+        centers = pixel_grid(size)
+        # Rays through a grid of places in each pixel.
         steps = (np.arange(count) + 0.5) / count - 0.5
         within = np.stack(np.meshgrid(steps, steps), -1).reshape(-1, 2)
-        pixels = (np.stack([columns, rows], -1)[:, None] + within).reshape(-1, 2)
+        pixels = (centers[:, None] + within).reshape(-1, 2)
         origins, directions = camera.rays(pixels, size)
         found = find_echoes(tracer, origins, directions, 0.0, np.inf, self.max_surfaces)
-        pixel = found.ray // count**2
-        electrons = self.signal * found.strength / np.maximum(found.distance, 1e-6) ** 2 / count**2
-        pixel_count = size[0] * size[1]
-        offset = self.background + np.bincount(pixel, electrons, pixel_count)
-        rng = np.random.default_rng(seed)
-        phases, amplitudes, saturated = [], [], np.zeros(pixel_count, np.bool_)
-        for frequency in self.frequencies:
-            turn = 4 * math.pi * frequency / SPEED_OF_LIGHT * found.distance
-            cosine, sine = (
-                self.contrast * np.bincount(pixel, electrons * wave, pixel_count)
-                for wave in (np.cos(turn), np.sin(turn))
-            )
-            samples = offset + np.stack([cosine, sine, -cosine, -sine])
-            if noise:
-                samples = rng.poisson(np.maximum(samples, 0.0)).astype(np.float64)
-            saturated |= (samples > self.full_well).any(axis=0)
-            real, imaginary = samples[0] - samples[2], samples[1] - samples[3]
-            phases.append(np.arctan2(imaginary, real) % (2 * math.pi))
-            amplitudes.append(np.hypot(real, imaginary) / 2)
-        distance, amplitude = self._distance(np.array(phases)), np.mean(amplitudes, axis=0)
+        rng = np.random.default_rng(seed) if noise else None
+        phases, amplitude, saturated = self._sample(found, size[0] * size[1], rng)
+        distance = self._distance(phases)
         valid = (amplitude >= self.min_amplitude) & ~saturated & (amplitude > 0)
         valid &= (distance >= self.min_range) & (distance <= self.farthest)
         distance = np.where(valid, distance, np.nan)
-        centers = np.stack([columns, rows], -1).astype(np.float64)
-        along = camera.rays(centers, size)[1] @ -camera.transform[:3, 2] / np.linalg.norm(camera.transform[:3, 2])
+        _, rays = camera.rays(centers, size)
+        along = rays @ -camera.transform[:3, 2] / np.linalg.norm(camera.transform[:3, 2])
         depth = distance * along if camera.projection == "perspective" else distance
         shape = size[1], size[0]
         return DepthImage(depth.reshape(shape), distance.reshape(shape), amplitude.reshape(shape))
+
+    def _sample(
+        self, found: Echoes, pixel_count: int, rng: np.random.Generator | None
+    ) -> tuple[Floats, Floats, NDArray[np.bool_]]:
+        """Four samples of each frequency: the phases (frequencies, N) in radians, the mean amplitude (N), and whether a
+        sample of the pixel is saturated (N). rng: draws Poisson's noise; without it there is none."""
+        count = self.rays_per_pixel
+        pixel = found.ray // count**2
+        electrons = self.signal * found.strength / np.maximum(found.distance, 1e-6) ** 2 / count**2
+        offset = self.background + np.bincount(pixel, electrons, pixel_count)
+        phases = []
+        amplitudes = []
+        saturated = np.zeros(pixel_count, np.bool_)
+        for frequency in self.frequencies:
+            # Light goes there and back, so the phase turns once in half a wavelength of the modulation.
+            turn = 4 * math.pi * frequency / SPEED_OF_LIGHT * found.distance
+            # Echoes of a pixel add up as phasors: at edges the phase lies between those of both surfaces.
+            cosine = self.contrast * np.bincount(pixel, electrons * np.cos(turn), pixel_count)
+            sine = self.contrast * np.bincount(pixel, electrons * np.sin(turn), pixel_count)
+            samples = offset + np.stack([cosine, sine, -cosine, -sine])
+            if rng is not None:
+                samples = rng.poisson(np.maximum(samples, 0.0)).astype(np.float64)
+            saturated |= (samples > self.full_well).any(axis=0)
+            # Lange and Seitz: the differences of opposite samples are free of the background.
+            real, imaginary = samples[0] - samples[2], samples[1] - samples[3]
+            phases.append(np.arctan2(imaginary, real) % (2 * math.pi))
+            amplitudes.append(np.hypot(real, imaginary) / 2)
+        return np.array(phases), np.mean(amplitudes, axis=0), saturated
 
     def _distance(self, phases: Floats) -> Floats:
         """The distance (N,) that fits the phases (frequencies, N) best, up to the range."""
@@ -172,7 +184,9 @@ class TimeOfFlightCamera:
         base: Floats = phases[finest] / (2 * math.pi) * meters[finest]
         if len(meters) == 1:
             return base
-        best, least = base.copy(), np.full(base.shape, np.inf)
+        # Every number of whole turns of the highest frequency is tried; the others' phases decide which one fits.
+        best = base.copy()
+        least = np.full(base.shape, np.inf)
         for turns in range(math.ceil(self.farthest / meters[finest])):
             candidate = base + turns * meters[finest]
             turned = phases / (2 * math.pi) - candidate / meters[:, None]

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solari_vk.base.errors import DeviceError, SolariError
+from solari_vk.studio.browser.picture import error_text
 from solari_vk.studio.browser.screen import Screen, Shown, Tell
 from solari_vk.studio.browser.stream import Frame, Message, Page
 
@@ -35,7 +36,8 @@ class View:
     """A camera, the pages that look through it, and the task that renders for them while they want frames."""
 
     def __init__(self, hub: Hub, state: Message | None) -> None:
-        self._hub, self._state = hub, state
+        self._hub = hub
+        self._state = state
         self.pages: set[Page] = set()
         self.screen: Screen | None = None
         self.frame: Frame | None = None
@@ -49,6 +51,7 @@ class View:
 
     def order(self, page: Page, message: Message) -> bool:
         """Do what a page asks, before the next frame. Returns False if too much is asked already."""
+        # Orders wait here while the device's thread is busy: the event loop never waits for the device.
         if len(self._orders) >= MAX_ORDERS:
             return False
         self._orders.append((page, message))
@@ -77,33 +80,46 @@ class View:
             raise SolariError("there is no picture yet")
         return await self._hub.call(self.screen.picture)
 
+    @property
+    def _has_waiting_pages(self) -> bool:
+        """Whether a page could show a new frame."""
+        return any(page.waits for page in self.pages)
+
     async def _run(self) -> None:
         try:
-            try:
-                await self._hub.call(self._open, self._state)
-            except Exception as error:
-                if self._state is None or isinstance(error, DeviceError):
-                    raise
-                await self._hub.call(self._open, None)  # the page's state is of another scene
+            await self._open_screen()
             while True:
-                while not (self._orders or (not self._rests and any(page.waits for page in self.pages))):
-                    self._wake.clear()
-                    await self._wake.wait()
-                orders, self._orders = self._orders, []
-                renders = any(page.waits for page in self.pages)
-                answers, shown = await self._hub.call(self._step, orders, renders)
-                for page, answer in answers:
-                    self.tell([page] if "error" in answer or "picked" in answer else self.pages, answer)
-                if isinstance(shown, Shown):
-                    self._show(shown.codes, shown.about, shown.settled)
-                elif shown is not None:
-                    self.tell(self.pages, {"error": shown})
+                await self._answer_orders()
         except Exception as error:
             if self.screen is None and isinstance(error, SolariError) and not self._hub.maker.lost:
                 self.tell(self.pages, {"error": str(error), "final": True})  # such as too little memory
                 self._hub.forget(self)
             else:
                 self._hub.fail(error)
+
+    async def _open_screen(self) -> None:
+        try:
+            await self._hub.call(self._open, self._state)
+        except Exception as error:
+            if self._state is None or isinstance(error, DeviceError):
+                raise
+            # A page that was open before the server ended brings its state, which may be that of another scene.
+            await self._hub.call(self._open, None)
+
+    async def _answer_orders(self) -> None:
+        """Wait for something to do; then do it, render a frame, and send both to the pages."""
+        while not (self._orders or (not self._rests and self._has_waiting_pages)):
+            self._wake.clear()
+            await self._wake.wait()
+        orders, self._orders = self._orders, []
+        answers, shown = await self._hub.call(self._step, orders, self._has_waiting_pages)
+        for page, answer in answers:
+            # Options concern all pages of the view; an error, and what was picked, the one that asked.
+            self.tell([page] if "error" in answer or "picked" in answer else self.pages, answer)
+        if isinstance(shown, Shown):
+            self._show(shown.codes, shown.about, shown.finished)
+        elif shown is not None:
+            self.tell(self.pages, {"error": shown})
 
     def _open(self, state: Message | None) -> None:
         """On the device's thread, so that `Hub` finds the screen there even if this view is dropped meanwhile."""
@@ -120,20 +136,16 @@ class View:
         assert self.screen is not None
         answers = []
         for page, message in orders:
-            try:
-                answer = self.screen.do(message)
-            except Exception as error:
-                if self._hub.maker.lost:
-                    raise
-                answer = {"error": _words(error)}
+            answer = self._do(message)
             if answer:
                 answers.append((page, answer))
-            if isinstance(number := message.get("input"), int):
+            number = message.get("input")
+            if isinstance(number, int):
                 page.input = number
         if orders:
             self._rests = False
-        if not renders or self.screen.settled:
-            self._rests = self.screen.settled
+        if not renders or self.screen.finished:
+            self._rests = self.screen.finished
             return answers, None
         try:
             return answers, self.screen.render()
@@ -141,12 +153,22 @@ class View:
             if self._hub.maker.lost:
                 raise
             self._rests = True  # until somebody changes something
-            return answers, _words(error)
+            return answers, error_text(error)
 
-    def _show(self, codes: NDArray[np.uint8], about: dict[str, Any], settled: bool) -> None:
+    def _do(self, message: Message) -> dict[str, Any]:
+        """Do what a page asks; returns the answer. What is wrong with it ends the server only with a lost device."""
+        assert self.screen is not None
+        try:
+            return self.screen.do(message)
+        except Exception as error:
+            if self._hub.maker.lost:
+                raise
+            return {"error": error_text(error)}
+
+    def _show(self, codes: NDArray[np.uint8], about: dict[str, Any], finished: bool) -> None:
         self._number += 1
         inputs = {page: page.input for page in self.pages}
-        self.frame = Frame(self._number, codes, about, settled, inputs)
+        self.frame = Frame(self._number, codes, about, finished, inputs)
         for page in self.pages:
             page.offer(self.frame)
 
@@ -166,10 +188,12 @@ class Hub:
     camera."""
 
     def __init__(self, make: Callable[[], Maker], shared: bool = False) -> None:
-        self._make, self.shared = make, shared
+        self._make = make
+        self.shared = shared
         self.views: dict[str, View] = {}
         self.grace = GRACE
         self._closed = False
+        # One thread for the device: Vulkan's queues and the renderers' Python objects must not be used by two at once.
         self._thread = ThreadPoolExecutor(1, "device")
         self._tasks: set[asyncio.Future[Any]] = set()
 
@@ -194,11 +218,12 @@ class Hub:
 
     def keep(self, task: asyncio.Future[Any]) -> None:
         """Keep a task until it is done."""
+        # asyncio itself holds its tasks by weak references, so that one could be collected while it runs.
         self._tasks.add(task)
         task.add_done_callback(self._tasks.discard)
 
     def fail(self, error: Exception) -> None:
-        """Note what ends the server."""
+        """End the server by this error."""
         if not self.failed.done():
             self.failed.set_exception(error)
 
@@ -208,11 +233,8 @@ class Hub:
         if sum(len(view.pages) for view in self.views.values()) >= MAX_PAGES:
             raise SolariError(f"{MAX_PAGES} pages are open, which is as many as are served: close one")
         if key not in self.views:
-            idle = [name for name, view in self.views.items() if not view.pages]
             if len(self.views) >= MAX_VIEWS:
-                if not idle:
-                    raise SolariError(f"{MAX_VIEWS} cameras are in use: close a page, or serve with --shared")
-                self._drop(idle[0])
+                self._drop_idle()
             self.views[key] = View(self, state)
         view = self.views[key]
         if view.leaving is not None:
@@ -220,6 +242,13 @@ class Hub:
             view.leaving = None
         view.join(page)
         return view
+
+    def _drop_idle(self) -> None:
+        """Drop the oldest view without pages. Raises SolariError if there is none."""
+        idle = [name for name, view in self.views.items() if not view.pages]
+        if not idle:
+            raise SolariError(f"{MAX_VIEWS} cameras are in use: close a page, or serve with --shared")
+        self._drop(idle[0])
 
     def leave(self, page: Page, view: View) -> None:
         """A page is gone. A view without pages renders nothing, and is dropped after a while."""
@@ -231,7 +260,8 @@ class Hub:
 
     def forget(self, view: View) -> None:
         """Drop a view that failed, so that the next page of its session makes another."""
-        if (name := self._name(view)) is not None:
+        name = self._name(view)
+        if name is not None:
             self._drop(name)
 
     def _name(self, view: View) -> str | None:
@@ -242,6 +272,7 @@ class Hub:
         if view.leaving is not None:
             view.leaving.cancel()
         view.task.cancel()
+        # The device's thread does its calls in order, so the screen is freed after the frame that it may be at.
         self.keep(asyncio.ensure_future(self.call(view.free)))
 
     async def close(self) -> None:
@@ -254,7 +285,3 @@ class Hub:
         await asyncio.gather(*self._tasks, return_exceptions=True)
         await self.call(self._free)
         self._thread.shutdown()
-
-
-def _words(error: Exception) -> str:
-    return str(error) if isinstance(error, SolariError) else f"{type(error).__name__}: {error}"

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-# The share of the picture's width and height, and the quality of the JPEG.
+# The share of the picture's width and height, and the quality of the JPEG. Each level has up to twice the bytes of the
+# one before.
 LEVELS = ((0.25, 40), (0.35, 50), (0.5, 60), (0.75, 70), (1.0, 75), (1.0, 85), (1.0, 92))
 IN_FLIGHT = 2  # frames on their way at once: while one travels, the next is rendered
 LATE = 0.15  # seconds beyond the quickest way that make the frames smaller
@@ -33,16 +34,17 @@ class Pace:
         return len(self._sent) < IN_FLIGHT
 
     def sent(self, number: int, length: int, now: float) -> None:
-        """Note that a frame of this many bytes is sent."""
+        """Record that a frame of this many bytes is sent."""
         self._sent[number] = now, length, self.level
 
     def shown(self, number: int, now: float) -> None:
-        """Note that the page has shown a frame, which was sent unless the page lies."""
+        """Record that the page has shown a frame, which was sent unless the page lies."""
         if number not in self._sent:
             return
         began, length, level = self._sent.pop(number)
         for earlier in [other for other in self._sent if other < number]:
             del self._sent[earlier]  # a page that was hidden tells of the last one alone
+        # The time includes the page's decoding. What is beyond the quickest way so far is congestion: frames queue.
         seconds = max(now - began, 1e-4)
         self.rate = length / seconds
         self._quickest = min(seconds, self._quickest + FORGET)
@@ -51,6 +53,8 @@ class Pace:
         late = seconds - self._quickest
         self._steady = self._steady + 1 if late < QUICK else 0
         if late > LATE:
-            self.level, self._steady = max(level - 1, 0), 0
+            self.level = max(level - 1, 0)
+            self._steady = 0
         elif self._steady >= STEADY:
-            self.level, self._steady = min(level + 1, len(LEVELS) - 1), 0
+            self.level = min(level + 1, len(LEVELS) - 1)
+            self._steady = 0

@@ -91,9 +91,9 @@ async function show(data) {
   lay_out(about);
   const [width, height] = about.rendered;
   element("pixels").textContent = `${width}×${height} → ${canvas.width}×${canvas.height}`;
-  element("state").className = about.settled ? "dot done" : "dot live";
+  element("state").className = about.finished ? "dot done" : "dot live";
   const refines = about.samples ? `${about.samples} samples` : about.done ? "refining" : "rendering";
-  const state = about.settled ? "finished" : `${refines}, ${Math.round(1000 * about.seconds)} ms a frame`;
+  const state = about.finished ? "finished" : `${refines}, ${Math.round(1000 * about.seconds)} ms a frame`;
   element("progress").textContent = state;
   element("done").style.width = `${100 * about.done}%`;
 }

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from solari_vk.base.errors import SolariError
 from solari_vk.studio.viewer.camera_control import CameraControl
 
 PICTURE_JS = Path(__file__).with_name("picture.js")
@@ -21,6 +22,7 @@ def move(control: CameraControl, movement: Mapping[str, Any], center: ArrayLike 
     movement: what `take` of picture.js returns. center: the point to orbit around, by default what is seen in the
     middle. Raises ValueError, TypeError or SolariError for what are no numbers.
     """
+    # What a page sends isn't trusted: `float` refuses what is no number, and the control limits the others.
     names = ("right", "down", "pan_right", "pan_down", "notches")
     right, down, pan_right, pan_down, notches = (float(movement.get(name, 0)) for name in names)
     home = bool(movement.get("home"))
@@ -44,6 +46,12 @@ def encoded(codes: NDArray[np.uint8], kind: str, quality: int = 85, size: tuple[
     if size is not None and size[0] < picture.width:
         picture = picture.resize(size, Image.Resampling.BILINEAR)
     content = io.BytesIO()
+    # zlib's first level: higher ones take several times as long for a few percent of a rendered picture.
     options = {"quality": quality} if kind == "jpeg" else {"compress_level": 1}
     picture.save(content, format=kind, **options)
     return content.getvalue()
+
+
+def error_text(error: BaseException) -> str:
+    """What a page says of an error: the text of one of the package's own, otherwise its type too."""
+    return str(error) if isinstance(error, SolariError) else f"{type(error).__name__}: {error}"

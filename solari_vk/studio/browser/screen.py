@@ -19,20 +19,18 @@ from solari_vk.gpu.device.device import Device
 from solari_vk.output.tone_mapping import TONEMAPS
 from solari_vk.passes.debug_views import DEBUG_VIEWS, check_view, views_of
 from solari_vk.renderers.dispatch_size import MAX_SAMPLES
-from solari_vk.renderers.path_tracer import PathTracer
 from solari_vk.scene.model import Camera, Scene
 from solari_vk.settings import DEFAULTS, FIELDS, QUALITIES, Settings
 from solari_vk.studio.browser.picture import move
 from solari_vk.studio.viewer.camera_control import CameraControl, extent_of
+from solari_vk.studio.viewer.compile_preview import CompilePreview
 from solari_vk.studio.viewer.picking import pick_at, seen_distance
-from solari_vk.studio.viewer.pictures import MODES, Pictures
-from solari_vk.studio.viewer.scaling import ScaleControl
-from solari_vk.studio.viewer.waiting import Waiting
+from solari_vk.studio.viewer.pictures import MODES, Pictures, meter_exposure
+from solari_vk.studio.viewer.scaling import CPU_FPS, ScaleControl
 
-CPU_FPS, GPU_FPS = 7.0, 30.0  # frames a second that the scale "auto" aims at
-METERING_SIZE = 96, 54  # of the picture that chooses the exposure
+GPU_FPS = 30.0  # frames a second that the scale "auto" aims at on a GPU
 REST = 8  # frames after the last change from which the whole size is rendered, and the path tracer's turn has come
-SETTLED = 64  # frames of the whole size after which the realtime picture is finished
+ENOUGH_FRAMES = 64  # frames of the whole size after which the realtime picture is finished
 HIDDEN = 4  # frames of the whole size, and samples of the path tracer, that look worse than what was shown before
 WHOLE_AT_ONCE = 1.0  # seconds that a frame of the whole size may take for a picture at rest that grows in one step
 SCALE_OF_ITS_OWN = {"upscale"}  # settings that follow the scale
@@ -48,7 +46,7 @@ class Shown:
 
     codes: NDArray[np.uint8]
     about: dict[str, Any]
-    settled: bool
+    finished: bool
 
 
 class Screens:
@@ -75,17 +73,23 @@ class Screens:
         fps: float | None = None,
         samples: int = 256,
     ) -> None:
-        self.device, self.scene, self.camera, self.size = device, scene, camera, size
-        self.name, self.mode, self.view, self.tonemap, self.seed = name or scene.name, mode, view, tonemap, seed
+        self.device = device
+        self.scene = scene
+        self.camera = camera
+        self.size = size
+        self.name = name or scene.name
+        self.mode = mode
+        self.view = view
+        self.tonemap = tonemap
         self.settings = Settings() if settings is None else settings
-        self.samples, self._scale = samples, scale
+        self.seed = seed
+        self.samples = samples
+        self._scale = scale
         self._fps = fps or (CPU_FPS if device.properties.kind == "cpu" else GPU_FPS)
         self.owned = ExitStack()
         self.scale_control()  # raises an error in the scale at once
         self.binder = SceneBinder(device, scene)
-        if camera.auto_exposure or not camera.has_exposure:  # by a small picture
-            with PathTracer(device, self.binder, METERING_SIZE) as tracer:
-                tracer.render(camera, samples=16).settle_exposure()
+        meter_exposure(device, self.binder, camera)
 
     @property
     def lost(self) -> bool:
@@ -121,6 +125,7 @@ class Screens:
                     "choices": FIELDS[name].choices,
                     "default": DEFAULTS[name],
                     "low": FIELDS[name].low,
+                    # JSON has no infinity.
                     "high": None if math.isinf(FIELDS[name].high) else FIELDS[name].high,
                 }
                 for name in shown
@@ -140,8 +145,10 @@ class Screen:
     """
 
     def __init__(self, screens: Screens, tell: Tell, state: Mapping[str, Any] | None) -> None:
-        self._screens, self._tell = screens, tell
-        self.mode, self.settled = screens.mode, False
+        self._screens = screens
+        self._tell = tell
+        self.mode = screens.mode
+        self.finished = False
         self.control = CameraControl(screens.camera, extent_of(screens.scene))
         self._scale = screens.scale_control()
         self._center: NDArray[np.float64] | None = None  # of the drag that goes on
@@ -152,7 +159,8 @@ class Screen:
         with ExitStack() as undo:
             self.pictures = Pictures(screens.device, screens.binder, copy.copy(screens.settings), screens.seed)
             undo.callback(self.pictures.close)
-            self.pictures.view, self.pictures.tonemap = screens.view, screens.tonemap
+            self.pictures.view = screens.view
+            self.pictures.tonemap = screens.tonemap
             self.pictures.most_samples = 1
             if state:
                 self._restore(state)
@@ -167,35 +175,44 @@ class Screen:
         SolariError, TypeError or ValueError for what can't be done.
         """
         if "move" in message:
-            if bool(message["move"].get("home")):
-                self._sees, self._center = False, None
-                self.pictures.cut()
-            if move(self.control, message["move"], self._center):
-                self._change()
-        elif "grab" in message:
-            pick = self._pick(message["grab"])
-            self._center = None if pick is None else pick.point
-            if pick is not None:
-                self.control.see(float(np.linalg.norm(pick.point - self.control.camera.transform[:3, 3])))
-        elif "pick" in message:
-            pick = self._pick(message["pick"])
-            if pick is None:
-                return {"picked": None}
-            instance, material = pick.instance, pick.instance.material
-            return {
-                "picked": {
-                    "name": instance.name or instance.describe(),
-                    "material": material.name,
-                    "point": [round(float(x), 4) for x in pick.point],
-                }
-            }
-        elif "set" in message:
+            self._move(message["move"])
+            return {}
+        if "grab" in message:
+            self._grab(message["grab"])
+            return {}
+        if "pick" in message:
+            return {"picked": self._picked(message["pick"])}
+        if "set" in message:
             for name, value in message["set"].items():
                 self._set(name, value)
             return {"options": self.options()}
-        else:
-            raise SolariError(f"a page asked for something unknown: {quoted(dict(message))}")
-        return {}
+        raise SolariError(f"a page asked for something unknown: {quoted(dict(message))}")
+
+    def _move(self, movement: Mapping[str, Any]) -> None:
+        if bool(movement.get("home")):
+            self._sees = False
+            self._center = None
+            self.pictures.cut()
+        if move(self.control, movement, self._center):
+            self._change()
+
+    def _grab(self, place: Any) -> None:
+        """Begin a drag: from now on movements orbit around what is there."""
+        pick = self._pick(place)
+        self._center = None if pick is None else pick.point
+        if pick is not None:
+            self.control.see(float(np.linalg.norm(pick.point - self.control.camera.transform[:3, 3])))
+
+    def _picked(self, place: Any) -> dict[str, Any] | None:
+        """What a page says about what is there, None for the background."""
+        pick = self._pick(place)
+        if pick is None:
+            return None
+        return {
+            "name": pick.instance.name or pick.instance.describe(),
+            "material": pick.instance.material.name,
+            "point": [round(float(x), 4) for x in pick.point],
+        }
 
     def _pick(self, place: Any) -> Any:
         x, y = (float(share) for share in place)
@@ -203,27 +220,29 @@ class Screen:
 
     def _set(self, name: str, value: Any) -> None:
         pictures, settings = self.pictures, self.pictures.settings
-        if name == "mode":
-            self.mode = _one_of("mode", value, MODES)
-        elif name == "view":
-            check_view(value, settings.lighting)
-            pictures.view = value
-        elif name == "tonemap":
-            pictures.tonemap = _one_of("tone mapping", value, TONEMAPS)
-        elif name == "divider":
-            pictures.divider = min(max(float(value), 0.0), 1.0)
-        elif name == "ev100":
-            self.control.camera.ev100 = min(max(float(value), -EXPOSURES), EXPOSURES)
-        elif name == "quality":
-            for field, preset in QUALITIES[_one_of("quality", value, QUALITIES)].items():
-                setattr(settings, field, preset)
-        else:
-            if name not in FIELDS or name in SCALE_OF_ITS_OWN:
+        match name:
+            case "mode":
+                self.mode = _one_of("mode", value, MODES)
+            case "view":
+                check_view(value, settings.lighting)
+                pictures.view = value
+            case "tonemap":
+                pictures.tonemap = _one_of("tone mapping", value, TONEMAPS)
+            case "divider":
+                pictures.divider = min(max(float(value), 0.0), 1.0)
+            case "ev100":
+                self.control.camera.ev100 = min(max(float(value), -EXPOSURES), EXPOSURES)
+            case "quality":
+                for field, preset in QUALITIES[_one_of("quality", value, QUALITIES)].items():
+                    setattr(settings, field, preset)
+            case _ if name in FIELDS and name not in SCALE_OF_ITS_OWN:
+                setattr(settings, name, value)
+            case _:
                 raise unknown_name("there is no option", name, FIELDS)
-            setattr(settings, name, value)
+        # Another divider or tone mapping shows the same frames: nothing is rendered anew for it.
         if name not in ("divider", "tonemap"):
             self._change()
-        self.settled = False
+        self.finished = False
 
     def options(self) -> dict[str, Any]:
         """What `set` changes, as it is now; of the settings those that differ from their defaults."""
@@ -249,58 +268,81 @@ class Screen:
                 setattr(self.pictures.settings, name, DEFAULTS[name])
         for name, value in {**options.pop("settings"), **options}.items():
             self._set(name, value)
-        self.control.take(Camera.from_pose(state["pose"]))
+        self.control.look_through(Camera.from_pose(state["pose"]))
         self.control.distance = float(state["distance"])
         self._sees = True
 
     def _change(self) -> None:
         if self._still > REST:
-            self._scale.unsettle()  # the latest times are those of whole pictures
-        self._still, self.settled = 0, False
+            self._scale.forget_times()  # the latest times are those of whole pictures
+        self._still = 0
+        self.finished = False
 
     # ---- pictures -----------------------------------------------------------------------------------
 
     def render(self) -> Shown | None:
-        """The next picture, None if it looks worse than the one before. Sets `settled` when it is finished."""
-        pictures, began = self.pictures, time.perf_counter()
+        """The next picture, None if it looks worse than the one before. Sets `finished` when it is finished."""
+        pictures = self.pictures
+        began = time.perf_counter()
         rests = self._still >= REST
+        # The path tracer's first samples are noise, so the realtime renderer shows the camera while it moves.
         pictures.mode = self.mode if self.mode != "reference" or rests else "realtime"
         self._resting = self._grown() if rests else (self._scale.scale, 0)
         scale, frames = self._resting
-        if pictures.ready:
-            pictures.render(self.control.camera, self._screens.size, scale)
-        else:
-            with Waiting(pictures, self._show_wait, lambda: self._preview(scale)):
-                pictures.render(self.control.camera, self._screens.size, scale)
+        self._render_frame(scale)
         codes = pictures.pixels()
-        seconds = self._seconds = time.perf_counter() - began
-        self._still, frames = self._still + 1, frames + 1
-        self._resting = scale, frames
+        self._seconds = time.perf_counter() - began
+        self._still += 1
+        self._resting = scale, frames + 1
         if not self._sees:
             self._sees = True
             self.control.see(seen_distance(pictures))
-        if not rests:
-            self._scale.note(seconds)
-        elif pictures.mode == "reference":
-            most = pictures.most_samples
-            pictures.most_samples = max(most // 2, 1) if seconds > LONGEST else min(2 * most, MAX_SAMPLES)
-        samples = 0 if pictures.mode == "realtime" or not pictures.reference else pictures.reference.tracer.samples
-        whole = frames if rests and scale == 1 else 0
-        done = samples / self._screens.samples if pictures.mode == "reference" else whole / SETTLED
-        self.settled = done >= 1
-        hides = scale > self._scale.scale or pictures.mode == "reference"
-        if rests and hides and not self.settled and (samples or frames) < HIDDEN:
+        self._adjust(rests, self._seconds)
+        done = self._share_done(rests)
+        self.finished = done >= 1
+        # The whole size begins with few frames or samples, which look worse than what moved before.
+        begins_anew = scale > self._scale.scale or pictures.mode == "reference"
+        if rests and begins_anew and not self.finished and (self._samples or frames + 1) < HIDDEN:
             return None
         about = {
             "rendered": pictures.rendered_size,
-            "seconds": seconds,
-            "samples": samples,
+            "seconds": self._seconds,
+            "samples": self._samples,
             "done": min(max(done, 0.0), 1.0),
-            "settled": self.settled,
+            "finished": self.finished,
             "columns": pictures.columns(),
             "state": self.state(),
         }
-        return Shown(codes, about, self.settled)
+        return Shown(codes, about, self.finished)
+
+    def _render_frame(self, scale: float) -> None:
+        if self.pictures.ready:
+            self.pictures.render(self.control.camera, self._screens.size, scale)
+            return
+        # The first picture takes a software device up to a minute of compiling, during which pages see a preview.
+        with CompilePreview(self.pictures, self._show_wait, lambda: self._preview(scale)):
+            self.pictures.render(self.control.camera, self._screens.size, scale)
+
+    def _adjust(self, rests: bool, seconds: float) -> None:
+        """Choose the size, or the path tracer's samples, of the next frames by the time that this one took."""
+        if not rests:
+            self._scale.record_frame(seconds)
+        elif self.pictures.mode == "reference":
+            most = self.pictures.most_samples
+            self.pictures.most_samples = max(most // 2, 1) if seconds > LONGEST else min(2 * most, MAX_SAMPLES)
+
+    @property
+    def _samples(self) -> int:
+        """Samples per pixel of the path tracer's picture, 0 if none is shown."""
+        pictures = self.pictures
+        return 0 if pictures.mode == "realtime" or not pictures.reference else pictures.reference.tracer.samples
+
+    def _share_done(self, rests: bool) -> float:
+        """How much of the picture's work is done; from 1 on it is finished."""
+        if self.pictures.mode == "reference":
+            return self._samples / self._screens.samples
+        scale, frames = self._resting
+        return frames / ENOUGH_FRAMES if rests and scale == 1 else 0.0
 
     def _grown(self) -> tuple[float, int]:
         """The scale of the next frame at rest, and how many frames there are of it: the whole size, which is doubled
@@ -308,6 +350,7 @@ class Screen:
         scale, frames = self._resting
         if scale == 1 or (scale > self._scale.scale and frames <= HIDDEN):
             return scale, frames
+        # A frame's time grows with its pixels, so that of the whole size is about seconds / scale^2.
         at_once = self.pictures.mode == "reference" or self._seconds < WHOLE_AT_ONCE * scale**2
         return (1.0 if at_once else min(2 * scale, 1.0)), 0
 

@@ -19,7 +19,7 @@ from urllib.parse import urlsplit
 from aiohttp import WSMsgType, web
 
 from solari_vk.base.errors import SolariError
-from solari_vk.studio.browser.hub import Hub
+from solari_vk.studio.browser.hub import Hub, View
 from solari_vk.studio.browser.picture import encoded
 from solari_vk.studio.browser.stream import Page
 
@@ -28,12 +28,15 @@ FILES = {"/": "page.html", "/page.css": "page.css", "/page.js": "page.js", "/pic
 LARGEST_PORT = 65535
 LARGEST_MESSAGE = 1 << 16  # bytes that a page may send at once
 HEARTBEAT = 15.0  # seconds between two questions whether a page is still there
+# The page runs its own scripts alone, can't be framed by other sites, and doesn't tell them its address.
 SAFE = {
     "Content-Security-Policy": "default-src 'self'; img-src 'self' data:; frame-ancestors 'none'; base-uri 'none'",
     "X-Content-Type-Options": "nosniff",
     "Referrer-Policy": "no-referrer",
     "Cache-Control": "no-cache",
 }
+ORDERS = {"move", "grab", "pick", "set"}
+"""The keys of messages that `Screen.do` does."""
 Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
 
 
@@ -68,7 +71,9 @@ class Server:
     """The server of a hub on a socket. token: what each request must bring, None on the loopback interface alone."""
 
     def __init__(self, hub: Hub, sock: socket.socket, token: str | None = None) -> None:
-        self.hub, self._socket, self._token = hub, sock, token
+        self.hub = hub
+        self._socket = sock
+        self._token = token
         self._sockets: set[web.WebSocketResponse] = set()
         self.port: int = sock.getsockname()[1]
         self._cookie = f"solari_vk_{self.port}"  # browsers share cookies between ports
@@ -86,6 +91,7 @@ class Server:
 
     async def close(self) -> None:
         """Tell pages that the server ends, and close everything."""
+        # 1001, "going away", tells pages to try again after a while (RFC 6455, section 7.4.1).
         for line in tuple(self._sockets):
             with suppress(ConnectionError, RuntimeError, TimeoutError):
                 await asyncio.wait_for(line.close(code=1001, message=b"the server has ended"), 1.0)
@@ -96,6 +102,9 @@ class Server:
 
     async def _guard(self, request: web.Request, handler: Handler) -> web.StreamResponse:
         """Refuse requests without the token, and those that another site's page makes a browser send."""
+        # Browsers let any site's page open a WebSocket to any host, and name that site in Origin: the same-origin
+        # policy doesn't hold there. The Host must be this machine's own name, or another site could lead its name here
+        # (DNS rebinding).
         origin = request.headers.get("Origin")
         try:
             host = urlsplit(f"//{request.host}").hostname or ""
@@ -108,10 +117,10 @@ class Server:
             if not is_loopback(host):  # a name of another site that leads to this machine
                 raise web.HTTPForbidden(text="open the address that solari-vk serve prints; other names need --token")
             return await handler(request)
-        given = request.query.get("token")
-        if given is not None and self._is_token(given) and request.path == "/":
+        token = request.query.get("token")
+        if token is not None and self._is_token(token) and request.path == "/":
             answer = web.HTTPFound("/")  # so that the token stays out of addresses
-            answer.set_cookie(self._cookie, given, httponly=True, samesite="Lax")
+            answer.set_cookie(self._cookie, token, httponly=True, samesite="Lax")
             raise answer
         if not self._is_token(request.cookies.get(self._cookie, "")):
             raise web.HTTPForbidden(text="open the address with ?token= that solari-vk serve prints")
@@ -119,8 +128,9 @@ class Server:
 
     _middleware = web.middleware(_guard)
 
-    def _is_token(self, given: str) -> bool:
-        return self._token is not None and hmac.compare_digest(given.encode(errors="replace"), self._token.encode())
+    def _is_token(self, text: str) -> bool:
+        # A comparison that takes as long for any text: its time doesn't tell how many letters are right.
+        return self._token is not None and hmac.compare_digest(text.encode(errors="replace"), self._token.encode())
 
     # ---- what is served -----------------------------------------------------------------------------
 
@@ -142,6 +152,7 @@ class Server:
         except SolariError as error:
             raise web.HTTPServiceUnavailable(text=str(error)) from None
         content = await asyncio.to_thread(encoded, codes, "png")
+        # Scenes may have any name, and a header only some letters.
         name = Path(str(self.hub.about["name"]).removeprefix("builtin:")).stem or "picture"
         safe = "".join(letter if letter.isalnum() and letter.isascii() else "_" for letter in name)
         disposition = {"Content-Disposition": f'attachment; filename="{safe}.png"'}
@@ -152,29 +163,20 @@ class Server:
         line = web.WebSocketResponse(heartbeat=HEARTBEAT, max_msg_size=LARGEST_MESSAGE, compress=False)
         await line.prepare(request)
         self._sockets.add(line)
-        page, view, sends = Page(line.send_str, line.send_bytes), None, None
+        page = Page(line.send_str, line.send_bytes)
+        view: View | None = None
+        sends: asyncio.Task[None] | None = None
         try:
             async for received in line:
                 if received.type is not WSMsgType.TEXT:
                     break
                 message = _parsed(received.data)
                 if view is None:
-                    state = message.get("state")
-                    session = str(message.get("session", ""))[:64]
-                    await page.tell({"about": self.hub.about})
-                    try:
-                        view = self.hub.join(page, session, state if isinstance(state, dict) else None)
-                    except SolariError as error:
-                        await page.tell({"error": str(error), "final": True})
+                    view = await self._join(page, message)
+                    if view is None:
                         break
                     sends = asyncio.create_task(page.send_frames())
-                if isinstance(width := message.get("width"), int) and width > 0:
-                    page.width = width
-                if isinstance(number := message.get("shown"), int):
-                    page.shown(number)
-                    view.wake()
-                if message.keys() & {"move", "grab", "pick", "set"} and not view.order(page, message):
-                    await page.tell({"error": "the device is busy: this comes too late"})
+                await _handle(page, view, message)
         finally:
             self._sockets.discard(line)
             if view is not None:
@@ -183,9 +185,35 @@ class Server:
                 sends.cancel()
         return line
 
+    async def _join(self, page: Page, message: dict[str, Any]) -> View | None:
+        """The view of a page's session, which the first message names; None if there is no room for it."""
+        state = message.get("state")
+        session = str(message.get("session", ""))[:64]
+        await page.tell({"about": self.hub.about})
+        try:
+            return self.hub.join(page, session, state if isinstance(state, dict) else None)
+        except SolariError as error:
+            await page.tell({"error": str(error), "final": True})
+            return None
+
+
+async def _handle(page: Page, view: View, message: dict[str, Any]) -> None:
+    """Do what a page's message says."""
+    width = message.get("width")
+    if isinstance(width, int) and width > 0:
+        page.width = width
+    number = message.get("shown")
+    if isinstance(number, int):
+        page.shown(number)
+        view.wake()
+    if message.keys() & ORDERS and not view.order(page, message):
+        await page.tell({"error": "the device is busy: this comes too late"})
+
 
 def _finite(number: str) -> float:
-    if not math.isfinite(value := float(number)):
+    # json reads NaN, Infinity and 1e999, which JSON doesn't have and cameras can't bear.
+    value = float(number)
+    if not math.isfinite(value):
         raise ValueError(f"{number} is no number of JSON")
     return value
 
@@ -199,11 +227,12 @@ def _parsed(text: str) -> dict[str, Any]:
     return message if isinstance(message, dict) else {}
 
 
-async def serve(hub: Hub, sock: socket.socket, token: str | None, started: Callable[[], object]) -> None:
+async def run_server(hub: Hub, sock: socket.socket, token: str | None, started: Callable[[], object]) -> None:
     """Serve until Ctrl-C or SIGTERM, after which a second one ends the process at once. started: called when pages can
     be opened. Raises what made the device fail."""
     ended, loop = asyncio.Event(), asyncio.get_running_loop()
 
+    # Once the end has begun, the signals have their usual effects again: a second Ctrl-C ends a shutdown that hangs.
     def end() -> None:
         ended.set()
         for name in (signal.SIGINT, signal.SIGTERM):

@@ -27,8 +27,9 @@ class Frame:
     number: int
     codes: NDArray[np.uint8]
     about: dict[str, Any]
-    settled: bool
+    finished: bool
     inputs: dict[Page, int]
+    # Not awaited by the first page alone: a page that leaves would cancel the encoding that others wait for.
     _encodings: dict[tuple[str, int, tuple[int, int]], asyncio.Future[bytes]] = field(default_factory=dict)
 
     async def encode(self, kind: str, quality: int, size: tuple[int, int]) -> bytes:
@@ -37,7 +38,7 @@ class Frame:
         if key not in self._encodings:
             making = asyncio.to_thread(encoded, self.codes, kind, quality, size)
             self._encodings[key] = asyncio.ensure_future(making)
-        return await asyncio.shield(self._encodings[key])  # others wait for it too
+        return await asyncio.shield(self._encodings[key])
 
 
 class Page:
@@ -47,7 +48,8 @@ class Page:
     """
 
     def __init__(self, send_text: Callable[[str], Awaitable[None]], send_bytes: Callable[[bytes], Awaitable[None]]):
-        self._send_text, self._send_bytes = send_text, send_bytes
+        self._send_text = send_text
+        self._send_bytes = send_bytes
         self.pace = Pace()
         self.width = 1 << 16
         """Pixels of the page, which needs no larger pictures."""
@@ -67,7 +69,7 @@ class Page:
         self._news.set()
 
     def shown(self, number: int) -> None:
-        """Note that the page has shown a frame."""
+        """Record that the page has shown a frame."""
         self.pace.shown(number, time.monotonic())
         self._news.set()
 
@@ -88,12 +90,17 @@ class Page:
     async def _send(self, frame: Frame) -> None:
         height, width = frame.codes.shape[:2]
         share, quality = LEVELS[self.pace.level]
-        wanted = min(round(width * share), self.width)
-        lossless = frame.settled and width <= self.width and self.pace.rate > LOSSLESS_RATE
-        kind, wanted = ("png", width) if lossless else ("jpeg", max(wanted, 1))
+        kind = "jpeg"
+        sent_width = max(min(round(width * share), self.width), 1)
+        if frame.finished and width <= self.width and self.pace.rate > LOSSLESS_RATE:
+            kind = "png"
+            sent_width = width
+        # Before the first wait: an offer meanwhile must not send this frame twice.
         self._sent = frame.number
-        content = await frame.encode(kind, quality, (wanted, max(round(height * wanted / width), 1)))
+        content = await frame.encode(kind, quality, (sent_width, max(round(height * sent_width / width), 1)))
         about = {**frame.about, "frame": frame.number, "type": f"image/{kind}", "input": frame.inputs.get(self, 0)}
+        # One message: the header's length in 4 bytes, the header, and the picture's bytes as they are. Base64 in JSON
+        # would be a third longer.
         header = json.dumps(about).encode()
         data = struct.pack("<I", len(header)) + header + content
         self.pace.sent(frame.number, len(data), time.monotonic())

@@ -13,7 +13,7 @@ from solari_vk.output.tone_mapping import TONEMAPS
 from solari_vk.passes.debug_views import DEBUG_VIEWS, views_of
 from solari_vk.scene.matrices import transform_points
 from solari_vk.scene.model import Instance
-from solari_vk.studio.viewer import marks
+from solari_vk.studio.viewer import markers
 from solari_vk.studio.viewer.camera_control import extent_of
 from solari_vk.studio.viewer.controls import KEYS_HELP
 from solari_vk.studio.viewer.edit_actions import EditActions
@@ -72,7 +72,7 @@ class Actions(EditActions):
     def camera(self, index: int) -> None:
         cameras = self._session.scene.cameras
         if index < len(cameras):
-            self._session.camera_control.take(cameras[index])
+            self._session.camera_control.look_through(cameras[index])
             self._session.pictures.cut()
         else:
             self._session.say(f"there is no camera {index + 1}: the scene has {len(cameras)}")
@@ -158,7 +158,7 @@ class Actions(EditActions):
 
     def _pick(self, cursor: Cursor, also: bool) -> None:
         session = self._session
-        marked = marks.at(session, cursor)
+        marked = markers.marker_at(session, cursor)
         pick = None if marked else self._pick_at(cursor)
         item: Any = marked or (pick and pick.instance)
         if item is not None and item in session.locked:

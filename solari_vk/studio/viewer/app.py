@@ -19,24 +19,24 @@ from solari_vk.gpu.device.device import Device
 from solari_vk.scene.model import Camera, Scene
 from solari_vk.settings import Settings
 from solari_vk.studio.viewer.actions import act
-from solari_vk.studio.viewer.beside import Beside
 from solari_vk.studio.viewer.camera_control import CameraControl, extent_of
+from solari_vk.studio.viewer.comparison import SecondScene
+from solari_vk.studio.viewer.compile_preview import CompilePreview
 from solari_vk.studio.viewer.controls import Controls
 from solari_vk.studio.viewer.layout import Layout
-from solari_vk.studio.viewer.opening import meter, note_recent
+from solari_vk.studio.viewer.opening import add_recent
 from solari_vk.studio.viewer.picking import seen_distance
-from solari_vk.studio.viewer.pictures import Pictures
+from solari_vk.studio.viewer.pictures import Pictures, meter_exposure
 from solari_vk.studio.viewer.presenter import Presenter
+from solari_vk.studio.viewer.progressive import ProgressiveRenderer
 from solari_vk.studio.viewer.reload import Sources
-from solari_vk.studio.viewer.rendering import Rendering
-from solari_vk.studio.viewer.scaling import ScaleControl
+from solari_vk.studio.viewer.scaling import CPU_FPS, ScaleControl
 from solari_vk.studio.viewer.session import Session
 from solari_vk.studio.viewer.status import state_in_words
 from solari_vk.studio.viewer.swapchain import Swapchain
-from solari_vk.studio.viewer.waiting import Waiting
 from solari_vk.studio.viewer.window import Window
 
-CPU_FPS, GPU_FPS = 7.0, 60.0  # frames per second that the scale "auto" aims at by default
+GPU_FPS = 60.0  # frames per second that the scale "auto" aims at on a GPU by default
 MAX_STEP = 0.25  # seconds that camera and animation move in one frame at most, even if the frame took longer
 SEEING = 0.1  # seconds between two looks at the distance of what is seen, each of which waits for the picture
 HIDDEN_WAIT = 0.1  # seconds that a frame of a minimized window waits for events
@@ -97,7 +97,7 @@ class Viewer(Session):
             undo.callback(pictures.close)
             area = Layout.of(window.size, panels=overlay, scale=window.text_scale).picture
             camera = camera or scene.camera_for(area.width / max(area.height, 1))
-            meter(pictures, camera)
+            meter_exposure(device, pictures.binder, camera)
             camera_control = CameraControl(camera, extent_of(scene))
             super().__init__(
                 window,
@@ -109,19 +109,19 @@ class Viewer(Session):
                 source_options=source_options,
                 folder=Path(folder),
             )
-            self.refining.enabled = scale_control.auto
+            self.refinement.enabled = scale_control.auto
             if beside is not None:
-                self.beside = Beside(device, beside, pictures, beside_name or beside.name or "second")
+                self.beside = SecondScene(device, beside, pictures, beside_name or beside.name or "second")
                 undo.callback(self.beside.close)
             self.controls = Controls(self.camera_control, self.act, lambda: self.layout.picture)
-            self._rendering = Rendering(self)
-            undo.callback(self._rendering.close)
+            self._renderer = ProgressiveRenderer(self)
+            undo.callback(self._renderer.close)
             self.overlay = self._open_overlay() if overlay else None
             if self.overlay is not None:
                 undo.callback(self.overlay.close)
             self._closers = undo.pop_all()
         if source and not source.startswith("builtin:"):
-            note_recent(Path(source).absolute())
+            add_recent(Path(source).absolute())
         self.frame_count, self._wants_screenshot = 0, False
         self._last, self._seen_at = time.perf_counter(), -math.inf
         self._timed_mode = mode
@@ -147,7 +147,7 @@ class Viewer(Session):
         return act(self, name, argument)
 
     def _is_current(self) -> bool:
-        return self._rendering.is_current((self.picture_area.width, self.picture_area.height))
+        return self._renderer.is_current((self.picture_area.width, self.picture_area.height))
 
     # ---- running ------------------------------------------------------------------------------------
 
@@ -160,9 +160,9 @@ class Viewer(Session):
 
     def step(self, on_frame: Callable[[Viewer, float], None] | None = None) -> bool:
         """Handle input, render a frame and show it. Returns False if nothing was shown, as in a minimized window."""
-        wait = HIDDEN_WAIT if 0 in self.window.pixels else IDLE_WAIT if self.refining.finished else 0.0
-        events = self.window.take_events(wait)
-        keys, mouse = (True, True) if self.overlay is None else self.overlay.take_events(events)
+        wait = HIDDEN_WAIT if 0 in self.window.pixels else IDLE_WAIT if self.refinement.finished else 0.0
+        events = self.window.poll_events(wait)
+        keys, mouse = (True, True) if self.overlay is None else self.overlay.handle_events(events)
         self.controls.handle(events, takes_keys=keys, takes_mouse=mouse)
         self.cursor = self.controls.cursor
         now = time.perf_counter()
@@ -181,16 +181,16 @@ class Viewer(Session):
             self.history.end_gesture()  # without panels nothing is dragged
         self._presenter.area = self.picture_area
         pixels = self._presenter.area.width, self._presenter.area.height
-        if self.pictures.ready or self.refining.rests or "picture" in self.faults:
+        if self.pictures.ready or self.refinement.rests or "picture" in self.faults:
             self._render(pixels)
         else:
             self._show_wait(f"preparing the {self.pictures.mode} renderer ...")
-            with Waiting(self.pictures, self._show_wait, lambda: self._preview(pixels)):
+            with CompilePreview(self.pictures, self._show_wait, lambda: self._preview(pixels)):
                 self._render(pixels)
         if self._wants_screenshot and ("picture" in self.faults or self._is_current()):
             self._wants_screenshot = False
             act(self, "screenshot")
-        shown = self._presenter.show(self._rendering.parts(), self._draw)
+        shown = self._presenter.show(self._renderer.parts(), self._draw)
         self.frame_count += 1
         self._note_time(seconds, time.perf_counter() - now)
         self._show_title()
@@ -209,7 +209,7 @@ class Viewer(Session):
         """The window's pixels with the panels, (height, width, 3). Raises SolariError when they can't be read."""
         if self.window.closed:
             raise SolariError("the window is closed")
-        pixels = self._presenter.capture(self._rendering.parts(), self._draw)
+        pixels = self._presenter.capture(self._renderer.parts(), self._draw)
         if pixels is None:
             raise SolariError("the window shows no frame that can be read")
         return pixels
@@ -217,7 +217,7 @@ class Viewer(Session):
     def _render(self, pixels: tuple[int, int]) -> None:
         """Render the pictures. An error in the scene or in a shader is shown, and the last picture stays."""
         try:
-            self._rendering.render(pixels)
+            self._renderer.render(pixels)
             if not self.pictures.refuses:
                 self.clear_fault("picture")
         except ValidationError:
@@ -252,9 +252,9 @@ class Viewer(Session):
         self.timings = self.pictures.timings
         if self._timed_mode != self.pictures.mode:
             self._timed_mode = self.pictures.mode
-            self.scale.unsettle()
-        if self.pictures.is_short and not self.refining.rests:
-            self.scale.note(sum(self.timings.values()) / 1000 or seconds)
+            self.scale.forget_times()
+        if self.pictures.is_short and not self.refinement.rests:
+            self.scale.record_frame(sum(self.timings.values()) / 1000 or seconds)
 
     def _show_title(self) -> None:
         self.end_message()

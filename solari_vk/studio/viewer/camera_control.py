@@ -199,7 +199,7 @@ class CameraControl:
         """Make the picture brighter by this many stops."""
         self.camera.ev100 = min(max(self.camera.ev100 - stops, -100.0), 100.0)
 
-    def take(self, camera: Camera) -> None:
+    def look_through(self, camera: Camera) -> None:
         """Take another camera's pose and field of view, and keep the exposure."""
         self.camera.update(near=camera.near, **_view(camera))
         self._jump(camera.transform)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from solari_vk.scene.matrices import transform_points
 from solari_vk.scene.model import Camera, Instance
-from solari_vk.studio.viewer import marks
+from solari_vk.studio.viewer import markers
 from solari_vk.studio.viewer.outline import COLOR, Outline
 from solari_vk.studio.viewer.overlay_renderer import OverlayRenderer
 from solari_vk.studio.viewer.session import Session
@@ -54,7 +54,7 @@ class Decorations:
         """The outline in the picture once it rests; until then the box around the object."""
         session = self._session
         instances = [item for item in session.picked if isinstance(item, Instance) and item.visible]
-        if instances and session.refining.moves:
+        if instances and session.refinement.moves:
             for instance in instances:
                 self._draw_box(lines, instance)
             return
@@ -74,7 +74,7 @@ class Decorations:
     def _draw_box(self, lines: Any, instance: Instance) -> None:
         session, positions = self._session, instance.mesh.positions
         corners = np.array(list(product(*zip(positions.min(axis=0), positions.max(axis=0), strict=True))), np.float64)
-        places = marks.project(session.camera, transform_points(instance.transform, corners), session.layout.picture)
+        places = markers.project(session.camera, transform_points(instance.transform, corners), session.layout.picture)
         for a, b in combinations(range(8), 2):
             if bin(a ^ b).count("1") == 1:
                 _line(lines, places[a], places[b], PICKED)
@@ -82,7 +82,7 @@ class Decorations:
     def _draw_band(self, lines: Any) -> None:
         """A line beside the rows that have the samples which are being traced."""
         session, area = self._session, self._session.layout.picture
-        if session.pictures.most_bands and session.pictures.reference is not None and not session.refining.finished:
+        if session.pictures.most_bands and session.pictures.reference is not None and not session.refinement.finished:
             tracer = session.pictures.reference.tracer
             end = area.y + tracer.begun[1] / tracer.size[1] * area.height
             lines.add_rect_filled(imgui.ImVec2(area.x, area.y), imgui.ImVec2(area.x + BAND_WIDTH, end), PICKED)
@@ -90,9 +90,9 @@ class Decorations:
     def _draw_marks(self, lines: Any) -> None:
         """Rings at lights and squares at cameras; a line along the direction of those that are picked."""
         session = self._session
-        radius = marks.RADIUS * session.window.text_scale
+        radius = markers.RADIUS * session.window.text_scale
         item: Any
-        for item, (x, y) in marks.marked(session):
+        for item, (x, y) in markers.visible_markers(session):
             center = imgui.ImVec2(x, y)
             picked = any(item is other for other in session.picked)
             color = PICKED if picked else CAMERA if isinstance(item, Camera) else LIGHT
@@ -106,7 +106,7 @@ class Decorations:
             axis: Any = -item.transform[:3, 2] if isinstance(item, Camera) else getattr(item, "direction", None)
             if picked and axis is not None:
                 end = item.position + 0.15 * session.camera_control.seen_height * np.asarray(axis, np.float64)
-                [place] = marks.project(session.camera, end[None], session.layout.picture)
+                [place] = markers.project(session.camera, end[None], session.layout.picture)
                 _line(lines, np.array((x, y)), place, color)
 
     # ---- pictures side by side ----------------------------------------------------------------------

@@ -16,7 +16,7 @@ from solari_vk.scene.material import Texture, TextureImage
 from solari_vk.scene.model import Camera, Instance
 from solari_vk.scene.observed import Checked
 from solari_vk.scene.placement import Placed
-from solari_vk.studio.viewer.light_making import LIGHTS, new_light
+from solari_vk.studio.viewer.new_lights import LIGHTS, new_light
 from solari_vk.studio.viewer.opening import add_file, is_map, open_file, surround
 from solari_vk.studio.viewer.saving import files_of, free_path, save_scene
 from solari_vk.studio.viewer.session import GIZMOS, Question, Session
@@ -161,7 +161,7 @@ class EditActions:
     # ---- lights -------------------------------------------------------------------------------------
 
     def add_light(self, kind: str) -> None:
-        """Add a light of one of light_making.LIGHTS where the camera looks, and pick it."""
+        """Add a light of one of new_lights.LIGHTS where the camera looks, and pick it."""
         session = self._session
         made = new_light(kind, session.camera_control)
         made.name = _free_name(LIGHTS[kind][0], session.scene.lights.names)
@@ -204,7 +204,7 @@ class EditActions:
         session = self._session
         script, lost = save_scene(session, target)
         session.save_path = target
-        session.sources.note_written(target)
+        session.sources.mark_written(target)
         session.history.mark_saved()
         session.say(f"wrote {target} and {script.name}" + "".join(f"\nnot in the file: {what}" for what in lost))
 

@@ -119,27 +119,26 @@ class History:
         return (self.done[-1] if self.done else None) is not self._saved
 
     def mark_saved(self) -> None:
-        """Note that the scene was saved as it is now."""
+        """Remember that the scene was saved as it is now."""
         self._saved, self._open = self.done[-1] if self.done else None, False
 
     def assign(self, item: Any, **fields: Any) -> None:
         """Assign values to fields of an object."""
-        edit = Assignment(item, fields, {name: _kept(getattr(item, name)) for name in fields})
+        edit = Assignment(item, fields, _snapshot_of(item, fields))
         edit.redo()
-        edit.after = {name: _kept(getattr(item, name)) for name in fields}  # as the object converted them
+        # The object may have converted or clamped the values: redoing must give what it has now.
+        edit.after = _snapshot_of(item, fields)
         last = self.done[-1] if self.done else None
         if self._open and isinstance(last, Assignment) and edit.continues(last) and last is not self._saved:
             last.after = edit.after
             self.undone.clear()
         else:
-            self._note(edit)
+            self._append(edit)
             self._open = True
 
     def assign_all(self, text: str, values: Sequence[tuple[Any, dict[str, Any]]]) -> None:
         """Assign fields of several objects, as one edit that has its own text."""
-        edits = [
-            Assignment(item, fields, {name: _kept(getattr(item, name)) for name in fields}) for item, fields in values
-        ]
+        edits = [Assignment(item, fields, _snapshot_of(item, fields)) for item, fields in values]
         edit, last = Several(text, edits), self.done[-1] if self.done else None
         edit.redo()
         if self._open and isinstance(last, Several) and last is not self._saved and edit.continues(last):
@@ -147,19 +146,19 @@ class History:
                 old.after = new.after  # type: ignore[attr-defined]
             self.undone.clear()
         elif edits:
-            self._note(edit)
+            self._append(edit)
             self._open = True
 
     def assign_each(self, text: str, item: Any, values: dict[str, Any]) -> None:
         """Assign several fields one after the other, as one edit that has its own text."""
-        before = {name: _kept(getattr(item, name)) for name in values}
+        before = _snapshot_of(item, values)
         try:
             _assign(item, values, at_once=False)
         except BaseException:
             _assign(item, before, at_once=False)
             raise
         edits = [Assignment(item, {name: values[name]}, {name: before[name]}) for name in values]
-        self._note(Several(text, edits))
+        self._append(Several(text, edits))
 
     def add(self, items: Items[Any], *added: Any) -> None:
         """Add objects to the end of a collection of the scene."""
@@ -181,13 +180,13 @@ class History:
         edit = edits[0] if len(edits) == 1 and not text else Several(text or f"{how} {len(edits)} objects", edits)
         edit.redo()
         if edits:
-            self._note(edit)
+            self._append(edit)
 
-    def note(self, text: str, edits: Iterable[Edit]) -> None:
+    def record(self, text: str, edits: Iterable[Edit]) -> None:
         """Keep what was done already, as one edit."""
-        self._note(Several(text, list(edits)))
+        self._append(Several(text, list(edits)))
 
-    def _note(self, edit: Edit) -> None:
+    def _append(self, edit: Edit) -> None:
         self.done.append(edit)
         if len(self.done) > LONGEST:
             del self.done[:-LONGEST]
@@ -267,6 +266,11 @@ def _assign(item: Any, values: dict[str, Any], at_once: bool = True) -> None:
         setattr(item, name, value)
 
 
-def _kept(value: Any) -> Any:
-    """A value that later edits don't change: the arrays of scene objects are read-only already."""
-    return value.copy() if isinstance(value, np.ndarray) and value.flags.writeable else value
+def _snapshot_of(item: Any, names: Iterable[str]) -> dict[str, Any]:
+    """The values of an object's fields, which later edits don't change."""
+    values = {name: getattr(item, name) for name in names}
+    for name, value in values.items():
+        # The arrays of scene objects are read-only already and needn't be copied.
+        if isinstance(value, np.ndarray) and value.flags.writeable:
+            values[name] = value.copy()
+    return values

@@ -148,7 +148,7 @@ class ObjectPanel:
 
     def _camera(self, camera: Camera) -> None:
         if imgui.button("look through it"):
-            self._session.camera_control.take(camera)
+            self._session.camera_control.look_through(camera)
             self._session.pictures.cut()
         imgui.same_line()
         if imgui.button("set to the view"):

@@ -9,8 +9,6 @@ from pathlib import Path
 from typing import Any
 
 from solari_vk.base import disk_cache
-from solari_vk.renderers.path_tracer import PathTracer
-from solari_vk.scene.camera import Camera
 from solari_vk.scene.collection import Items
 from solari_vk.scene.files.formats import readable_suffixes
 from solari_vk.scene.lights.environment import Environment, EnvironmentLight
@@ -20,25 +18,17 @@ from solari_vk.scene.load import open as open_scene
 from solari_vk.scene.presenting.studio_lights import heading, studio_environment
 from solari_vk.studio.viewer.camera_control import extent_of
 from solari_vk.studio.viewer.history import Presence
-from solari_vk.studio.viewer.pictures import Pictures
+from solari_vk.studio.viewer.pictures import meter_exposure
 from solari_vk.studio.viewer.session import Session
 
 MAPS = (".hdr", ".exr", ".png", ".jpg", ".jpeg")
 RECENT, MOST_RECENT = "recent-files", 12
-METERING_SIZE = 96, 54  # of the picture that chooses the exposure
 MOST_LISTED = 200  # files of a folder
 
 
 def is_map(path: Path) -> bool:
     """Whether a file is taken as a picture of all directions."""
     return path.suffix.lower() in MAPS
-
-
-def meter(pictures: Pictures, camera: Camera) -> None:
-    """Let a small picture choose a camera's exposure, if its `auto_exposure` is on or nobody set one."""
-    if camera.auto_exposure or not camera.has_exposure:
-        with PathTracer(pictures.device, pictures.binder, METERING_SIZE) as tracer:
-            tracer.render(camera, samples=16).settle_exposure()
 
 
 def open_file(session: Session, path: Path) -> None:
@@ -51,10 +41,10 @@ def open_file(session: Session, path: Path) -> None:
     camera = dataclasses.replace(loaded.camera_for(picture.width / max(picture.height, 1)))
     session.replace_scene(loaded, source, lambda: open_scene(str(source)))
     session.scene.camera = camera
-    meter(session.pictures, camera)
+    meter_exposure(session.device, session.pictures.binder, camera)
     session.camera_control.begin(camera, extent_of(session.scene))
     session.pictures.cut()
-    note_recent(source)
+    add_recent(source)
     session.say(f"showing {source.name}")
 
 
@@ -69,7 +59,7 @@ def add_file(session: Session, path: Path) -> None:
         for items, count in zip(holders, before, strict=True)
         for number in range(count, len(items))
     ]
-    session.history.note(f"adding {path.name}", edits)
+    session.history.record(f"adding {path.name}", edits)
     session.selected = next(iter(scene.instances[-1:]), None)
     session.say(f"added {len(group.items)} objects of {path.name}")
 
@@ -112,8 +102,8 @@ def recent_files() -> list[str]:
     return [path for path in listed if isinstance(path, str) and os.path.exists(path)]
 
 
-def note_recent(path: Path) -> None:
-    """Note that a file was opened."""
+def add_recent(path: Path) -> None:
+    """Put a file first in the list of those that were opened."""
     if path.suffix.lower() in readable_suffixes():
         known = [str(path), *(other for other in recent_files() if other != str(path))]
         disk_cache.store(RECENT, json.dumps(known[:MOST_RECENT]).encode())

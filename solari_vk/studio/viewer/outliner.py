@@ -10,7 +10,7 @@ from imgui_bundle import imgui
 
 from solari_vk.scene.model import Camera, Instance
 from solari_vk.studio.viewer.actions import act
-from solari_vk.studio.viewer.light_making import LIGHTS
+from solari_vk.studio.viewer.new_lights import LIGHTS
 from solari_vk.studio.viewer.session import Session
 from solari_vk.studio.viewer.theme import FREE, HIDDEN, LOCKED, SHOWN
 from solari_vk.studio.viewer.widgets import hint, toggle
@@ -88,5 +88,5 @@ class Outliner:
         elif clicked:
             session.selected = item
         if isinstance(item, Camera) and imgui.is_item_hovered() and imgui.is_mouse_double_clicked(0):
-            session.camera_control.take(item)
+            session.camera_control.look_through(item)
             session.pictures.cut()

@@ -45,7 +45,7 @@ _MODIFIERS = {
 
 
 class Overlay:
-    """The panels of a viewer. For each frame call `take_events`, `lay_out`, and `draw` any number of times."""
+    """The panels of a viewer. For each frame call `handle_events`, `lay_out`, and `draw` any number of times."""
 
     def __init__(self, session: Session) -> None:
         self._session = session
@@ -65,7 +65,7 @@ class Overlay:
 
     # ---- input --------------------------------------------------------------------------------------
 
-    def take_events(self, events: Iterable[Event]) -> tuple[bool, bool]:
+    def handle_events(self, events: Iterable[Event]) -> tuple[bool, bool]:
         """Pass events to the panels; returns whether the keys and whether the mouse are left to the viewer."""
         imgui.set_current_context(self._context)
         io = imgui.get_io()
@@ -148,9 +148,9 @@ class Overlay:
             _place(layout.status)
             imgui.push_style_var(imgui.StyleVar_.window_padding, imgui.ImVec2(8, 4))
             imgui.begin("status", None, DOCKED | imgui.WindowFlags_.no_scrollbar)
-            if session.refining.rests and not session.refining.finished:
+            if session.refinement.rests and not session.refinement.finished:
                 width = 8 * imgui.get_font_size()
-                imgui.progress_bar(session.refining.done, imgui.ImVec2(width, imgui.get_text_line_height()), "")
+                imgui.progress_bar(session.refinement.done, imgui.ImVec2(width, imgui.get_text_line_height()), "")
                 imgui.same_line()
             self._probe.update()
             room, probe = layout.status.width - imgui.get_cursor_pos_x() - 8, self._probe.text

@@ -87,10 +87,10 @@ class Panels:
         (width, height), (rendered_width, rendered_height) = pictures.size, pictures.rendered_size
         imgui.text(f"{width} x {height} from {rendered_width} x {rendered_height}")
         imgui.text(f"{session.fps:.1f} frames/s, speed {session.camera_control.speed:.3g} m/s")
-        refining = session.refining
+        refinement = session.refinement
         if pictures.mode != "realtime":
             imgui.set_next_item_width(7 * imgui.get_font_size())
-            refining.samples = max(edit_on_enter("samples", refining.samples, imgui.input_int), 0)
+            refinement.samples = max(edit_on_enter("samples", refinement.samples, imgui.input_int), 0)
             hint("Samples per pixel after which the path tracer's picture is finished; 0: never.")
         self._update_slow()
         for text in self._slow:

@@ -15,17 +15,25 @@ from solari_vk.gpu.device.device import Device
 from solari_vk.output.tone_mapping import TONEMAPS
 from solari_vk.passes.debug_views import DEBUG_VIEWS, PICTURE, views_of
 from solari_vk.renderers.dispatch_size import MAX_SAMPLES
+from solari_vk.renderers.path_tracer import PathTracer
 from solari_vk.renderers.renderer import Renderer
 from solari_vk.scene.model import Camera, Scene
 from solari_vk.settings import Settings
 from solari_vk.studio.viewer.presenter import Part, pixels_of
-from solari_vk.studio.viewer.reference_picture import ReferencePicture
+from solari_vk.studio.viewer.reference_picture import ReferencePicture, ToneMapped
 from solari_vk.studio.viewer.scaling import Build, Size, Upscaling
-from solari_vk.studio.viewer.tone_mapped import ToneMapped
 
 MODES = ("realtime", "reference", "split")
 UNSEEN_FIELDS = {"ev100", "auto_exposure", "name"}  # of a camera
+METERING_SIZE = 96, 54  # of the picture that chooses the exposure
 STRIP = 1 / 3  # share of the split view's width that shows the denoised picture, between raw one and reference
+
+
+def meter_exposure(device: Device, binder: SceneBinder, camera: Camera) -> None:
+    """Let a small picture choose a camera's exposure, if its `auto_exposure` is on or nobody set one."""
+    if camera.auto_exposure or not camera.has_exposure:
+        with PathTracer(device, binder, METERING_SIZE) as tracer:
+            tracer.render(camera, samples=16).settle_exposure()
 
 
 class Pictures:

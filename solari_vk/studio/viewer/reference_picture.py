@@ -1,4 +1,4 @@
-"""The path tracer's picture as the viewer shows it."""
+"""The path tracer's picture as the viewer shows it: tone mapped, in an image of 8 bits."""
 
 from __future__ import annotations
 
@@ -6,11 +6,53 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solari_vk.bound.binder import SceneBinder
+from solari_vk.gpu.device.buffer import Buffer
 from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.device.image import Image
+from solari_vk.gpu.frame.frame import Frame
+from solari_vk.output.tone_mapping import TONEMAPS
+from solari_vk.passes.display import show_stage
 from solari_vk.renderers.path_tracer import PathTracer
 from solari_vk.scene.model import Camera
-from solari_vk.studio.viewer.tone_mapped import ToneMapped
+
+RGB_BYTES = 12  # of a pixel in the path tracer's buffer: three float32
+
+
+class ToneMapped:
+    """An image, `display`, of the radiance in a buffer. `close` frees it."""
+
+    def __init__(self, device: Device, radiance: Buffer, size: tuple[int, int]) -> None:
+        self._frame = Frame(device, [show_stage(size)], external={"radiance": radiance})
+
+    @property
+    def display(self) -> Image:
+        """The image that is shown: sRGB, 8 bits."""
+        image: Image = self._frame.resource("display")
+        return image
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """Width and height of `display`."""
+        return self.display.width, self.display.height
+
+    def fit(self, radiance: Buffer, size: tuple[int, int]) -> None:
+        """Take the radiance from this buffer, of a picture of this size, from the next `render` on."""
+        if self._frame.resource("radiance") is not radiance or self.size != size:
+            self._frame.rebuild([show_stage(size)], {"radiance": radiance})
+
+    def render(self, exposure: float, tonemap: str) -> None:
+        """Submit the tone mapping of what the buffer holds then."""
+        self._frame.uniforms["this_frame.exposure"] = exposure
+        self._frame.uniforms["display_settings.tonemap"] = TONEMAPS.index(tonemap)
+        self._frame.submit()
+
+    def reload(self) -> None:
+        """Compile changed shaders. Raises CompilationError if one has an error; the old pipelines then stay in use."""
+        self._frame.rebuild()
+
+    def close(self) -> None:
+        """Free everything once the submitted work is done. Safe to call twice."""
+        self._frame.close()
 
 
 class ReferencePicture:
@@ -46,6 +88,7 @@ class ReferencePicture:
         """Add at most `max_samples` samples per pixel to the picture, or to so many bands of it, and tone map it."""
         if self.tracer.size != size:
             self.tracer.resize(size)
+        # The path tracer has another buffer after a change of size.
         self._shown.fit(self.tracer.resource("radiance_mean"), size)
         self.tracer.advance(camera, max_samples, bands=bands)
         self._shown.render(camera.exposure, tonemap)
@@ -56,9 +99,10 @@ class ReferencePicture:
 
     def probe(self, x: float, y: float) -> NDArray[np.float32]:
         """The radiance (3,) in cd/m^2 at (x, y), both from 0 to 1 from the picture's top left corner."""
+        # Only this pixel is read: the whole picture would take as long as a frame, and the cursor moves all the time.
         width, height = self.tracer.size
         pixel = int(y * height) * width + int(x * width)
-        found: NDArray[np.float32] = self.tracer.resource("radiance_mean").read(np.float32, 3, 12 * pixel)
+        found: NDArray[np.float32] = self.tracer.resource("radiance_mean").read(np.float32, 3, RGB_BYTES * pixel)
         return found
 
     def reload(self) -> None:

@@ -54,7 +54,7 @@ class Sources:
         self.scene.name = loaded.name
         self._files = self._file_stamps()
 
-    def note_written(self, path: Path) -> None:
+    def mark_written(self, path: Path) -> None:
         """Don't take the scene's file for changed because the viewer wrote it."""
         if self._file is not None and path.resolve() == self._file.resolve():
             self._files = self._file_stamps()

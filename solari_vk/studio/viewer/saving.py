@@ -14,7 +14,7 @@ from solari_vk.base.files import make_folder, write_whole
 from solari_vk.scene.placement import Placed
 from solari_vk.settings import DEFAULTS
 from solari_vk.studio.viewer.history import Assignment
-from solari_vk.studio.viewer.refining import FRAMES, SAMPLES
+from solari_vk.studio.viewer.refinement import FRAMES, SAMPLES
 from solari_vk.studio.viewer.session import Session
 
 # Fields that clips change.
@@ -75,8 +75,10 @@ def _animated_edits(session: Session) -> tuple[list[str], list[str]]:
 
 def script_text(session: Session, scene_file: str, edits: Sequence[str] = ()) -> str:
     """A script that renders the picture from the scene in a file beside it. edits: lines after the scene is posed."""
-    pictures, camera, refining = session.pictures, session.camera, session.refining
-    settles = not pictures.ready or (refining.enabled and not refining.finished)  # then this is how the picture will be
+    pictures, camera, refinement = session.pictures, session.camera, session.refinement
+    settles = not pictures.ready or (
+        refinement.enabled and not refinement.finished
+    )  # then this is how the picture will be
     width, height = (session.picture_area.width, session.picture_area.height) if settles else pictures.size
     pose = {**camera.pose(), "ev100": camera.ev100}
     player = session.player
@@ -97,7 +99,7 @@ def script_text(session: Session, scene_file: str, edits: Sequence[str] = ()) ->
     ]
     options = f"({width}, {height}), seed={pictures.seed}"
     if pictures.mode == "reference":
-        samples = pictures.reference.tracer.samples if pictures.reference and not settles else refining.samples
+        samples = pictures.reference.tracer.samples if pictures.reference and not settles else refinement.samples
         lines += [
             f"    renderer = sv.PathTracer(device, scene, {options})",
             f"    renderer.tonemap = {pictures.tonemap!r}",
@@ -111,7 +113,7 @@ def script_text(session: Session, scene_file: str, edits: Sequence[str] = ()) ->
             for name, value in changed.items()
             if value != DEFAULTS[name] and not (settles and name == "upscale")
         ]  # it follows the size, which is the whole one then
-        frames = FRAMES if settles else refining.frames
+        frames = FRAMES if settles else refinement.frames
         lines += [
             f"    settings = sv.Settings({', '.join(settings)})",
             f"    renderer = sv.Renderer(device, scene, {options}, settings=settings)",

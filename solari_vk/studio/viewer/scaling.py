@@ -11,6 +11,7 @@ from solari_vk.base.errors import SolariError, quoted
 from solari_vk.settings import FIELDS, Settings
 
 Size = tuple[int, int]
+CPU_FPS = 7.0  # frames a second that the scale "auto" aims at on a CPU, where more would be too coarse
 MIN_SCALE = 0.1
 STEPS = tuple(round(0.1 * 1.12202**i, 3) for i in range(21))  # 0.1 to 1, with a quarter more pixels at each step
 SETTLE = 3  # frames after a change whose times are ignored, because buffers are made and drivers compile
@@ -37,7 +38,7 @@ class ScaleControl:
         self._known: dict[float, float] = {}  # the latest measured time of each scale
         self._settling = SETTLE
 
-    def unsettle(self) -> None:
+    def forget_times(self) -> None:
         """Forget the measured times, because something that they depend on changed."""
         self._known.clear()
         self._settle()
@@ -50,7 +51,7 @@ class ScaleControl:
         """Use a fixed scale, limited to MIN_SCALE to 1."""
         self.auto, self.scale = False, min(max(scale, MIN_SCALE), 1.0)
 
-    def note(self, seconds: float) -> bool:
+    def record_frame(self, seconds: float) -> bool:
         """Record the time of a frame; returns whether the scale changed."""
         if not self.auto:
             return False

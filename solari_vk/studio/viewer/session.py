@@ -12,8 +12,8 @@ from weakref import WeakSet
 from solari_vk.scene.model import Camera, Instance, Scene
 from solari_vk.scene.observed import Checked
 from solari_vk.settings import Settings
-from solari_vk.studio.viewer.beside import Beside
 from solari_vk.studio.viewer.camera_control import CameraControl
+from solari_vk.studio.viewer.comparison import SecondScene
 from solari_vk.studio.viewer.history import History
 from solari_vk.studio.viewer.layout import Area, Layout
 from solari_vk.studio.viewer.messages import Messages
@@ -21,7 +21,7 @@ from solari_vk.studio.viewer.picking import Pick
 from solari_vk.studio.viewer.pictures import Pictures
 from solari_vk.studio.viewer.player import Player
 from solari_vk.studio.viewer.presenter import Part
-from solari_vk.studio.viewer.refining import Refining
+from solari_vk.studio.viewer.refinement import Refinement
 from solari_vk.studio.viewer.reload import Sources
 from solari_vk.studio.viewer.scaling import ScaleControl
 from solari_vk.studio.viewer.window import Window
@@ -68,7 +68,7 @@ class Session(Messages):
         """Objects that clicks don't pick and that nothing edits."""
         self.history = History()
         """All edits of the scene and the settings."""
-        self.refining = Refining()
+        self.refinement = Refinement()
         self.question: Question | None = None
         """What the user is asked before something else happens."""
         self.gizmo, self.gizmo_is_local = GIZMOS[0], False
@@ -77,7 +77,7 @@ class Session(Messages):
         """The field of a material on which a picture from a file is put."""
         self.cursor = (0.0, 0.0)
         """Where the mouse is, in window coordinates."""
-        self.beside: Beside | None = None
+        self.beside: SecondScene | None = None
         """The second scene that is shown beside this one."""
         self.has_panels = self.shows_panels = self.shows_help = False
         self.timings: dict[str, float] = {}
@@ -188,7 +188,7 @@ class Session(Messages):
         self.load_count += 1
         loads = {**(self.shader_users if shaders else {}), **({"file": self._load_file} if file else {})}
         done = [self._reload(place, load) for place, load in loads.items()]
-        self.scale.unsettle()
+        self.scale.forget_times()
         if all(done):
             self.say("shaders are reloaded" if shaders and not file else "reloaded")
 

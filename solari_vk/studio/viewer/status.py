@@ -6,7 +6,7 @@ import time
 from collections.abc import Callable
 
 from solari_vk.studio.viewer.picking import radiance_at
-from solari_vk.studio.viewer.refining import in_words
+from solari_vk.studio.viewer.refinement import in_words
 from solari_vk.studio.viewer.session import Session
 
 PROBE_INTERVAL = 0.25  # seconds between two looks at the pixel under the cursor, each of which waits for the picture
@@ -14,11 +14,11 @@ PROBE_INTERVAL = 0.25  # seconds between two looks at the pixel under the cursor
 
 def state_in_words(session: Session, *, brief: bool = False) -> str:
     """The mode, the view, the size that is rendered, the rate, and the progress; brief: the mode and the last one."""
-    pictures, refining = session.pictures, session.refining
+    pictures, refinement = session.pictures, session.refinement
     width, height = pictures.rendered_size
     view = [pictures.view] if pictures.mode != "reference" else []
     parts = [pictures.mode, *([] if brief else [*view, f"{width}x{height}"])]
-    progress = progress_in_words(session) if refining.rests else f"{session.fps:.1f} fps"
+    progress = progress_in_words(session) if refinement.rests else f"{session.fps:.1f} fps"
     return " - ".join([*parts, progress.rpartition(", ")[0] if brief and progress.endswith(" left") else progress])
 
 
@@ -31,13 +31,13 @@ def status_line(session: Session, probe: str, room: float, width_of: Callable[[s
 
 def progress_in_words(session: Session) -> str:
     """How far the picture of the full size is: samples or frames, the share that is done, and the time left."""
-    refining, pictures = session.refining, session.pictures
+    refinement, pictures = session.refinement, session.pictures
     unit = "frames" if pictures.mode == "realtime" else "samples"
-    count = f"{refining.count:.4g} {unit}"
-    if refining.finished:
+    count = f"{refinement.count:.4g} {unit}"
+    if refinement.finished:
         return f"{count}, finished"
-    left = refining.seconds_left
-    of = f", {100 * refining.done:.0f} %" if refining.samples or pictures.mode == "realtime" else ""
+    left = refinement.seconds_left
+    of = f", {100 * refinement.done:.0f} %" if refinement.samples or pictures.mode == "realtime" else ""
     return count + of + (f", {in_words(left)} left" if left is not None else "")
 
 
@@ -53,8 +53,8 @@ class Probe:
     def update(self) -> None:
         """Look at the pixel again, if the cursor or the picture changed and the latest look is some time ago."""
         session, now = self._session, time.perf_counter()
-        area, refining = session.layout.picture, session.refining
-        seen = session.cursor, refining.count if refining.rests else now
+        area, refinement = session.layout.picture, session.refinement
+        seen = session.cursor, refinement.count if refinement.rests else now
         if seen == self._seen or now - self._looked_at < PROBE_INTERVAL:
             return
         self._seen, self._looked_at = seen, now

@@ -181,12 +181,12 @@ class Window:
         glfw.set_window_title(self.handle, title)
 
     def has_input(self) -> bool:
-        """Whether the user did something since `take_events` that a picture must not keep waiting: all but moving the
+        """Whether the user did something since `poll_events` that a picture must not keep waiting: all but moving the
         mouse."""
         glfw.poll_events()
         return any(event.kind != "cursor" for event in self.events)
 
-    def take_events(self, wait: float = 0.0) -> list[Event]:
+    def poll_events(self, wait: float = 0.0) -> list[Event]:
         """The events since the last call. Waits up to `wait` seconds for the first one."""
         self._check_open()
         if wait:

@@ -22,7 +22,7 @@ except ImportError:
 from solari_vk.base.errors import SolariError
 from solari_vk.studio.browser.screen import Shown
 
-SETTLED = 12  # frames
+ENOUGH_FRAMES = 12  # frames
 
 
 class FakeScreen:
@@ -32,7 +32,7 @@ class FakeScreen:
         self.maker = maker
         self.angle = 0.0
         self.frames = 0
-        self.settled = False
+        self.finished = False
         self.closed = False
         if state is not None:
             self.angle = float(state["angle"])
@@ -43,7 +43,7 @@ class FakeScreen:
         if message.get("set"):
             raise SolariError("there is no option")
         self.angle += float(message["move"]["right"])
-        self.frames, self.settled = 0, False
+        self.frames, self.finished = 0, False
         return {}
 
     def render(self):
@@ -52,9 +52,9 @@ class FakeScreen:
             raise self.maker.fault
         self.frames += 1
         self.maker.rendered += 1
-        self.settled = self.frames >= SETTLED
+        self.finished = self.frames >= ENOUGH_FRAMES
         codes = np.random.default_rng(0).integers(0, 255, (*self.maker.size[::-1], 3), np.uint8)
-        return Shown(codes, {"state": {"angle": self.angle}, "settled": self.settled}, self.settled)
+        return Shown(codes, {"state": {"angle": self.angle}, "finished": self.finished}, self.finished)
 
     def picture(self):
         return np.full((36, 64, 3), 7, np.uint8)
@@ -121,7 +121,7 @@ class Client:
             await asyncio.sleep(0.005)
 
     async def settle(self):
-        await self.until(lambda client: client.frames and client.frames[-1]["settled"])
+        await self.until(lambda client: client.frames and client.frames[-1]["finished"])
         return self.frames[-1]
 
 

@@ -64,7 +64,7 @@ def browser():
 @pytest.fixture
 def counted(device, monkeypatch):
     """A server of a small Cornell box, and `rendered`, which counts its frames."""
-    monkeypatch.setattr("solari_vk.studio.browser.screen.SETTLED", 4)
+    monkeypatch.setattr("solari_vk.studio.browser.screen.ENOUGH_FRAMES", 4)
     render, rendered = sv.Renderer.render, []
     monkeypatch.setattr(sv.Renderer, "render", lambda *given: (rendered.append(1), render(*given))[1])
 
@@ -85,11 +85,11 @@ def test_a_drag_turns_the_model_and_a_reload_and_a_new_server_go_on(browser, cou
     page.on("console", lambda said: faults.append(said.text) if said.type == "error" else None)
     page.goto(f"http://127.0.0.1:{counted.port}/")
 
-    def settled():
+    def finished():
         page.wait_for_function(f"() => ({SEEN})() === 'dot done'", timeout=SECONDS)
         return np.array(page.evaluate(POSE))
 
-    home, old = settled(), page.evaluate(f"() => String(({POSE})())")
+    home, old = finished(), page.evaluate(f"() => String(({POSE})())")
     before = page.evaluate("() => document.getElementById('picture').toDataURL()")
     box = page.locator("#picture").bounding_box()
     middle = box["x"] + box["width"] / 2, box["y"] + box["height"] * 0.7
@@ -98,7 +98,7 @@ def test_a_drag_turns_the_model_and_a_reload_and_a_new_server_go_on(browser, cou
     page.mouse.move(middle[0] + 60, middle[1], steps=6)
     page.mouse.up()
     page.wait_for_function(f"(old) => String(({POSE})()) !== old", arg=old, timeout=SECONDS)
-    turned = settled()
+    turned = finished()
     angle = np.arccos((np.trace(turned[:3, :3] @ home[:3, :3].T) - 1) / 2)
     assert angle == pytest.approx(60 * 0.005, abs=1e-6)
     assert page.evaluate("() => document.getElementById('picture').toDataURL()") != before
@@ -112,14 +112,14 @@ def test_a_drag_turns_the_model_and_a_reload_and_a_new_server_go_on(browser, cou
     assert saved.value.suggested_filename == "cornell_box.png"
 
     page.reload()
-    assert settled() == pytest.approx(turned)
+    assert finished() == pytest.approx(turned)
     page.evaluate("() => { window.before = true; }")
     faults.clear()
     counted.stop()
     page.wait_for_function(f"() => ({SEEN})() === 'dot lost'")
     assert "no connection" in page.inner_text("#note")
     counted.start()
-    assert settled() == pytest.approx(turned), "the page tells the new server where it was"
+    assert finished() == pytest.approx(turned), "the page tells the new server where it was"
     assert page.evaluate("window.before"), "without a reload"
     assert all("WebSocket" in fault for fault in faults), faults
 

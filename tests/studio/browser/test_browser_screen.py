@@ -14,13 +14,13 @@ from solari_vk.studio.browser import screen as screen_module
 from solari_vk.studio.browser.screen import REST, Screens
 from solari_vk.studio.viewer.camera_control import TURN, WHEEL
 
-SIZE, SETTLED = (64, 64), 6
+SIZE, ENOUGH_FRAMES = (64, 64), 6
 
 
 @pytest.fixture
 def screens(device, monkeypatch):
     """A function that makes screens; at the end all must have left nothing on the device."""
-    monkeypatch.setattr(screen_module, "SETTLED", SETTLED)
+    monkeypatch.setattr(screen_module, "ENOUGH_FRAMES", ENOUGH_FRAMES)
     made = []
 
     def make(**options):
@@ -44,7 +44,7 @@ def shown(screens):
 def settle(screen):
     """The pictures until it is finished."""
     found = []
-    while not screen.settled:
+    while not screen.finished:
         found.append(screen.render())
         assert len(found) < 100
     return found
@@ -56,12 +56,12 @@ def position(screen):
 
 def test_a_still_camera_is_refined_and_a_movement_begins_anew(shown):
     pictures = settle(shown)
-    assert len(pictures) == REST + SETTLED
+    assert len(pictures) == REST + ENOUGH_FRAMES
     sizes = [one and one.about["rendered"] for one in pictures]
     assert sizes[:REST] == [(32, 32)] * REST
     assert sizes[-1] == SIZE
     assert None in pictures[REST:], "a picture that is worse than the one before is not shown"
-    assert [one.settled for one in pictures if one] == [False] * (len(pictures) - pictures.count(None) - 1) + [True]
+    assert [one.finished for one in pictures if one] == [False] * (len(pictures) - pictures.count(None) - 1) + [True]
     assert json.loads(json.dumps(pictures[-1].about))
 
     assert shown.do({"pick": [0.42, 0.7]})["picked"]["name"] == "tall block"

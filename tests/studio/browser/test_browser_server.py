@@ -11,7 +11,7 @@ import threading
 from unittest.mock import Mock
 
 import pytest
-from browser_tools import SETTLED, FakeScreens, aiohttp, serving
+from browser_tools import ENOUGH_FRAMES, FakeScreens, aiohttp, serving
 from PIL import Image
 
 from solari_vk.base.errors import DeviceError, SolariError
@@ -158,7 +158,7 @@ def test_a_reload_goes_on_and_a_closed_page_stops_the_work():
             await asyncio.sleep(QUIET)
             rendered = site.maker.rendered
             await asyncio.sleep(QUIET)
-            assert site.maker.rendered == rendered < SETTLED, "nobody sees it"
+            assert site.maker.rendered == rendered < ENOUGH_FRAMES, "nobody sees it"
             again = await site.open("a")
             assert (await again.settle())["state"] == {"angle": 3}
             assert len(site.maker.screens) == 1
@@ -241,7 +241,7 @@ def test_hostile_messages_do_no_harm():
                 other = await site.open("b")
                 await other.line.send_bytes(message)
                 await asyncio.wait_for(other.task, 5)
-            assert (await (await site.open("c")).settle())["settled"]
+            assert (await (await site.open("c")).settle())["finished"]
 
     asyncio.run(check())
 
@@ -328,7 +328,7 @@ def test_a_token_is_asked_for_everywhere():
             assert (await site.get("/?token=secret-word"))[0] == 302
             site.http.cookie_jar.update_cookies({f"solari_vk_{site.server.port}": "secret-word"})
             assert (await site.get("/", headers={"Host": "gpu-box:80"}))[0] == 200
-            assert (await (await site.open("a")).settle())["settled"]
+            assert (await (await site.open("a")).settle())["finished"]
 
     asyncio.run(check())
 

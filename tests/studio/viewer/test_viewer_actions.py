@@ -159,7 +159,7 @@ def test_a_click_finds_instance_and_point(open_viewer):
     type_keys(viewer, glfw.KEY_R)
     click(viewer, 2, 2)
     assert viewer.pick is None
-    viewer.camera_control.take(sv.Camera.look_at((50, 0, 9), (90, 5, 9)))
+    viewer.camera_control.look_through(sv.Camera.look_at((50, 0, 9), (90, 5, 9)))
     type_keys(viewer, glfw.KEY_F)
     assert viewer.camera.transform[:3, 3] == pytest.approx(distance * viewer.camera.transform[:3, 2]), "all is framed"
 
@@ -174,7 +174,7 @@ def test_the_speed_follows_the_distance_to_what_is_seen(open_viewer, monkeypatch
     monkeypatch.setattr(app, "SEEING", 0.0)
     viewer.window.events.append(press(glfw.KEY_D))
     for distance, target, error in ((0.5, 0, 1e-3), (8, 20, 0.02)):  # the background is as far as the wall
-        control.take(sv.Camera.look_at((0, 0, distance), (0, 0, target)))
+        control.look_through(sv.Camera.look_at((0, 0, distance), (0, 0, target)))
         viewer.run(frames=2)  # the second looks at what the first shows
         assert control.distance == pytest.approx(distance, rel=error)
 

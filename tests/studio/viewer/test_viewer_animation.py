@@ -108,13 +108,13 @@ def test_saved_scripts_render_the_frames_since_a_change(moving_ball):
     assert "range(64)" in moving, "the finished picture's"
     assert f"scene, ({area.width}, {area.height})" in moving
     assert "upscale" not in moving
-    session.refining.enabled = False
+    session.refinement.enabled = False
     assert "upscale=2.0" in script_text(session, "a.glb")
     for number, view in enumerate("abbb"):
-        session.refining.note_view(view)
+        session.refinement.begin_frame(view)
         assert f"range({max(number, 1)})" in script_text(session, "a.glb")
     for _ in range(200):
-        session.refining.note_view("b")
+        session.refinement.begin_frame("b")
     assert "range(64)" in script_text(session, "a.glb")
     assert "realtime picture of the mode split" in script_text(session, "a.glb").partition("\n")[0]
 

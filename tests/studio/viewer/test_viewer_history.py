@@ -14,7 +14,7 @@ from solari_vk.studio.viewer.actions import act
 from solari_vk.studio.viewer.controls import ACTIONS
 from solari_vk.studio.viewer.edit_actions import move_to, transform_of
 from solari_vk.studio.viewer.history import History
-from solari_vk.studio.viewer.light_making import LIGHTS
+from solari_vk.studio.viewer.new_lights import LIGHTS
 from solari_vk.studio.viewer.reload import Sources
 from solari_vk.studio.viewer.session import GIZMOS
 from solari_vk.studio.viewer.window import Event

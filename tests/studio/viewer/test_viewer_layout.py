@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 import solari_vk as sv
-from solari_vk.studio.viewer import marks, refining
+from solari_vk.studio.viewer import markers, refinement
 from solari_vk.studio.viewer.layout import Area, Layout
 from solari_vk.studio.viewer.outline import COLOR, outline
-from solari_vk.studio.viewer.refining import FRAMES, HIDDEN, LEAST_FRAMES, REST, Refining, in_words
+from solari_vk.studio.viewer.refinement import FRAMES, HIDDEN, LEAST_FRAMES, REST, Refinement, in_words
 from solari_vk.studio.viewer.status import state_in_words, status_line
 
 SIZES = [(960, 540), (1600, 900), (160, 100), (40, 30), (3, 2), (1, 1)]
@@ -51,40 +51,40 @@ class Clock:
 
 
 def test_the_full_size_is_rendered_once_nothing_moves():
-    state = Refining(Clock())
+    state = Refinement(Clock())
     for number in range(3):
-        assert state.note_view(number)
+        assert state.begin_frame(number)
         assert state.moves
     for _ in range(REST + 1):
-        state.note_view("still")
+        state.begin_frame("still")
         assert not state.rests
-    state.note_view("still")
+    state.begin_frame("still")
     assert state.rests
     assert state.begins
-    state.note_view("still")
+    state.begin_frame("still")
     assert (state.rests, state.begins, state.hides) == (True, False, True)
-    state.note_view("moved")
+    state.begin_frame("moved")
     assert (state.rests, state.begins, state.hides) == (False, False, False)
     state.enabled = False
     for _ in range(2 * REST):
-        state.note_view("still")
+        state.begin_frame("still")
     assert not state.rests, "a fixed scale stays"
 
 
 def rest(clock, traced, seconds=1.0, per_step=1.0, steps=1000):
     """A picture that gains samples or frames in steps of some seconds, until it is finished."""
-    state = Refining(clock)
+    state = Refinement(clock)
     for _ in range(REST + 2):
-        state.note_view("still")
+        state.begin_frame("still")
     count, left = 0.0, []
     for _ in range(steps):
         if state.finished:
             break
         clock.now += seconds
         count += per_step
-        state.note(seconds, count, traced)
+        state.end_frame(seconds, count, traced)
         left.append((state.seconds_left, state.hides))
-        state.note_view("still")
+        state.begin_frame("still")
     return state, left
 
 
@@ -106,25 +106,25 @@ def test_progress_and_time_left():
     assert slow.count == 9, "after half a minute"
     slower, _ = rest(Clock(), traced=False, seconds=60.0)
     assert slower.count == LEAST_FRAMES
-    endless = Refining(Clock())
+    endless = Refinement(Clock())
     endless.samples = 0
     for _ in range(REST + 2):
-        endless.note_view("still")
-    endless.note(0.1, 1e6, True)
+        endless.begin_frame("still")
+    endless.end_frame(0.1, 1e6, True)
     assert not endless.finished
 
 
 def test_steps_stay_short():
     """The bands of a step double while steps are short, and are halved when they take long."""
-    state = Refining(Clock())
+    state = Refinement(Clock())
     for _ in range(REST + 2):
-        state.note_view("still")
+        state.begin_frame("still")
     per_band = 0.004
     for _ in range(30):
-        state.note(state.bands * per_band, 0.1, True)
-    assert 0.5 * refining.LONGEST_STEP <= state.bands * per_band <= 1.5 * refining.LONGEST_STEP
+        state.end_frame(state.bands * per_band, 0.1, True)
+    assert 0.5 * refinement.LONGEST_STEP <= state.bands * per_band <= 1.5 * refinement.LONGEST_STEP
     for _ in range(30):
-        state.note(10.0, 0.1, True)
+        state.end_frame(10.0, 0.1, True)
     assert state.bands == 1
 
 
@@ -154,7 +154,7 @@ def test_an_outline_is_around_the_object():
 def test_marks_are_where_the_picture_shows_the_point():
     camera = sv.Camera.look_at((0, 0, 4), (0, 0, 0), vertical_fov=np.pi / 2)
     area = Area(100, 50, 200, 100)
-    places = marks.project(camera, np.array([(0, 0, 0), (4, 2, 0), (0, 0, 9)], float), area)
+    places = markers.project(camera, np.array([(0, 0, 0), (4, 2, 0), (0, 0, 9)], float), area)
     assert places[0] == pytest.approx((200, 100))
     assert places[1] == pytest.approx((250, 75))
     assert np.isnan(places[2]).all(), "behind the camera"
@@ -186,13 +186,13 @@ def test_every_field_of_a_material_has_its_group():
 
 def test_the_status_line_makes_room_for_the_pixel_under_the_cursor():
     clock = Clock()
-    state = Refining(clock)
+    state = Refinement(clock)
     for count in range(REST + 4):
-        state.note_view("still")
-        state.note(0.1, count, False)
+        state.begin_frame("still")
+        state.end_frame(0.1, count, False)
         clock.now += 1
     pictures = SimpleNamespace(mode="realtime", view="picture", rendered_size=(64, 48))
-    session = SimpleNamespace(pictures=pictures, refining=state)
+    session = SimpleNamespace(pictures=pictures, refinement=state)
     whole = state_in_words(session)
     brief = "realtime - 9 frames, 14 %"
     probe = "(3, 4)  R 1"

@@ -13,7 +13,7 @@ from solari_vk.passes.debug_views import views_of
 from solari_vk.scene.material import TEXTURES
 from solari_vk.settings import DEFAULTS, FIELDS
 from solari_vk.studio.viewer import panels
-from solari_vk.studio.viewer.marks import project
+from solari_vk.studio.viewer.markers import project
 from solari_vk.studio.viewer.opening import recent_files
 from solari_vk.studio.viewer.outline import COLOR
 from solari_vk.studio.viewer.pictures import MODES

@@ -9,7 +9,7 @@ import pytest
 
 import solari_vk as sv
 from solari_vk.gpu.device.kept import Kept
-from solari_vk.studio.viewer import waiting
+from solari_vk.studio.viewer import compile_preview
 from solari_vk.studio.viewer.comparison import difference, errors
 from solari_vk.studio.viewer.pictures import STRIP
 from solari_vk.studio.viewer.presenter import Presenter
@@ -137,8 +137,8 @@ def first_frame(open_viewer, device, monkeypatch):
     monkeypatch.setattr(viewer.window, "set_title", titles.append)
 
     def step(patience):
-        monkeypatch.setattr(waiting, "PATIENCE", patience)
-        monkeypatch.setattr(waiting, "PAUSE", 1e9)
+        monkeypatch.setattr(compile_preview, "PATIENCE", patience)
+        monkeypatch.setattr(compile_preview, "PAUSE", 1e9)
         viewer.step()
         return titles, parts
 

@@ -17,11 +17,11 @@ import solari_vk as sv
 from solari_vk.cli import main
 from solari_vk.gpu.device import raw
 from solari_vk.gpu.frame.in_parts import Interrupted
-from solari_vk.studio.viewer import refining
-from solari_vk.studio.viewer.beside import Beside
+from solari_vk.studio.viewer import refinement
+from solari_vk.studio.viewer.comparison import SecondScene
 from solari_vk.studio.viewer.picking import radiance_at
 from solari_vk.studio.viewer.presenter import Part, pixels_of
-from solari_vk.studio.viewer.rendering import Rendering
+from solari_vk.studio.viewer.progressive import ProgressiveRenderer
 
 SIZE = (96, 64)
 
@@ -31,20 +31,20 @@ def until(viewer, holds, frames=400):
         viewer.step()
         if holds():
             return
-    raise AssertionError(f"after {frames} frames: {viewer.pictures.rendered_size}, {viewer.refining.count} samples")
+    raise AssertionError(f"after {frames} frames: {viewer.pictures.rendered_size}, {viewer.refinement.count} samples")
 
 
 def test_the_path_tracer_is_refined_to_the_full_size(open_viewer):
     viewer = open_viewer(scale="auto", overlay=False, fps=1e4)  # so that moving pictures are as small as can be
-    viewer.refining.samples = 12
+    viewer.refinement.samples = 12
     viewer.run(frames=3)
     small = viewer.pictures.size
     assert small[0] < SIZE[0]
-    until(viewer, lambda: viewer.refining.rests)
+    until(viewer, lambda: viewer.refinement.rests)
     assert viewer.pictures.size == SIZE
-    assert viewer.refining.hides
-    assert viewer._rendering.parts()[0].image.width == small[0], "the small picture, until the large one is better"
-    until(viewer, lambda: viewer.refining.finished)
+    assert viewer.refinement.hides
+    assert viewer._renderer.parts()[0].image.width == small[0], "the small picture, until the large one is better"
+    until(viewer, lambda: viewer.refinement.finished)
     assert "12 samples, finished" in viewer.window.title
     assert (viewer.capture() == viewer.pictures.pixels()).all()
     with sv.PathTracer(viewer.device, viewer.scene, SIZE) as tracer:
@@ -59,7 +59,7 @@ def test_the_path_tracer_is_refined_to_the_full_size(open_viewer):
     viewer.camera_control.look(5, 0)
     viewer.step()
     assert viewer.pictures.size != SIZE
-    until(viewer, lambda: viewer.refining.rests)
+    until(viewer, lambda: viewer.refinement.rests)
     viewer.edit(viewer.scene.materials[0], base_color=(0, 0, 1))
     viewer.step()
     assert viewer.pictures.size != SIZE, "an edit moves the picture too"
@@ -92,9 +92,9 @@ def test_the_realtime_picture_is_refined_to_the_full_size(open_viewer, monkeypat
     viewer = open_viewer(scale="auto", mode="realtime", overlay=False, fps=1e4)
     viewer.run(frames=3)
     assert viewer.pictures.rendered_size[0] < SIZE[0]
-    until(viewer, lambda: viewer.refining.finished)
+    until(viewer, lambda: viewer.refinement.finished)
     assert viewer.pictures.rendered_size == SIZE
-    assert viewer.refining.count == refining.FRAMES
+    assert viewer.refinement.count == refinement.FRAMES
     frames = viewer.pictures.realtime.frame_count
     viewer.run(frames=3)
     assert viewer.pictures.realtime.frame_count == frames, "it rests"
@@ -128,8 +128,8 @@ class Slow(FakePictures):
 
 @pytest.fixture
 def slow(session, device):
-    """A session of such pictures, `Rendering` for it, and a function that renders frames and returns the grey level
-    that the window shows."""
+    """A session of such pictures, `ProgressiveRenderer` for it, and a function that renders frames and returns the grey
+    level that the window shows."""
     images = [
         device.image(2, 2, raw.VK_FORMAT_R8G8B8A8_UNORM, "slow", usage=raw.VK_IMAGE_USAGE_STORAGE_BIT) for _ in range(2)
     ]
@@ -139,7 +139,7 @@ def slow(session, device):
     session.window.events = []
     session.window.has_input = lambda: bool(session.window.events)
     session.scale.auto = True
-    rendering = Rendering(session)
+    rendering = ProgressiveRenderer(session)
 
     def render(frames):
         for _ in range(frames):
@@ -154,17 +154,17 @@ def slow(session, device):
 
 def test_what_was_given_up_is_never_shown(slow, monkeypatch):
     session, rendering, render, _ = slow
-    assert render(refining.REST + 1) == 100
+    assert render(refinement.REST + 1) == 100
     session.window.events = [press(1)]
     for _ in range(6):  # given up, the input's turn, given up
         assert render(1) == 100
         assert not rendering.is_current((640, 360)), "a screenshot waits"
     session.window.events = []
-    assert render(refining.HIDDEN - 1) == 100
+    assert render(refinement.HIDDEN - 1) == 100
     assert render(1) == 200
     assert rendering.is_current((640, 360))
     session.camera.vertical_fov += 0.1
-    assert render(refining.REST + 1) == 100
+    assert render(refinement.REST + 1) == 100
     session.window.events = [press(1)]
     render(2)
     session.camera.vertical_fov += 0.1
@@ -174,13 +174,13 @@ def test_what_was_given_up_is_never_shown(slow, monkeypatch):
             render(1)
     assert render(0) == 100, "not even if the next frame fails"
     assert render(2) == 100
-    assert rendering._held.parts == []
+    assert rendering._previous.parts == []
 
 
 def test_a_finished_picture_is_exposed_whatever_the_input(slow):
     session, _, render, _ = slow
-    render(refining.REST + refining.FRAMES + 1)
-    assert session.refining.finished
+    render(refinement.REST + refinement.FRAMES + 1)
+    assert session.refinement.finished
     session.window.events = [press(1)]
     session.camera.ev100 += 1
     assert render(1) == 200
@@ -188,11 +188,13 @@ def test_a_finished_picture_is_exposed_whatever_the_input(slow):
 
 def test_input_ends_a_frame_of_either_scene(slow):
     session, _, render, second = slow
-    session.beside = SimpleNamespace(first=session.pictures, pictures=second, shown=True, ready=False, begin=lambda: 0)
-    session.beside.render = lambda *of: Beside.render(session.beside, *of)
+    session.beside = SimpleNamespace(
+        first=session.pictures, pictures=second, shown=True, ready=False, restart=lambda: 0
+    )
+    session.beside.render = lambda *of: SecondScene.render(session.beside, *of)
     asked = []
     session.window.has_input = lambda: bool(asked.append(0))
-    render(refining.REST + 2)
+    render(refinement.REST + 2)
     assert len(asked) == 2
 
 
@@ -231,8 +233,8 @@ def test_two_scenes_side_by_side(open_viewer):
     assert (viewer.capture()[:, 24:] == viewer.beside.pictures.pixels()[:, 24:]).all(), "one camera for both"
     for ours, theirs in zip(viewer.scene.materials, other.materials, strict=True):
         theirs.base_color = ours.base_color
-    viewer.scale.auto, viewer.refining.samples = True, 6
-    until(viewer, lambda: viewer.refining.finished)
+    viewer.scale.auto, viewer.refinement.samples = True, 6
+    until(viewer, lambda: viewer.refinement.finished)
     assert viewer.beside.difference(1.0)["relMSE"] == 0, "the same scene with as many samples"
 
 

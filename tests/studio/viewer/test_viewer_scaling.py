@@ -17,7 +17,7 @@ def settle(control, fixed, growth, frames=300, noise=0.0):
     changes = 0
     for frame in range(frames):
         time = (fixed + growth * control.scale**2) * (1 + noise * generator.uniform(-1, 1))
-        changes += control.note(time) and frame > frames // 2
+        changes += control.record_frame(time) and frame > frames // 2
     return changes
 
 
@@ -47,7 +47,7 @@ def test_the_scale_grows_when_frames_become_faster():
     control = ScaleControl("auto", 0.1)
     settle(control, 0.0, 2.0)
     small = control.scale
-    control.unsettle()
+    control.forget_times()
     settle(control, 0.0, 0.2)
     assert control.scale > small
 

@@ -14,8 +14,8 @@ LONGEST_STEP = 0.12  # seconds that a step of a full-size picture should take, s
 MOST_BANDS = 1 << 20
 
 
-class Refining:
-    """Whether the picture rests, and how far it has come. Call `note_view` before each frame and `note` after it.
+class Refinement:
+    """Whether the picture rests, and how far it has come. Each frame is between `begin_frame` and `end_frame`.
 
     clock: gives seconds; tests replace it.
     """
@@ -84,8 +84,8 @@ class Refining:
         """Whether the latest frame is of this view, and nothing that looks better is shown in its place."""
         return view == self._view and not self.hides
 
-    def note_view(self, view: Hashable) -> bool:
-        """Note what the next frame depends on; returns whether that changed."""
+    def begin_frame(self, view: Hashable) -> bool:
+        """Compare what the next frame depends on with the last frame; returns whether that changed."""
         changed = view != self._view
         self._view = view
         self._still = 0 if changed else self._still + 1
@@ -95,11 +95,11 @@ class Refining:
         return changed
 
     def restart(self) -> None:
-        """Note that a frame of the full size was given up: realtime pictures begin anew."""
+        """Begin anew after a frame of the full size was interrupted: realtime pictures begin anew."""
         self._still, self.done, self.count, self._began = REST, 0.0, 0.0, None
 
-    def note(self, seconds: float, count: float, traced: bool) -> None:
-        """Note a frame of the full size that took some seconds. count: frames or samples so far, a part of a sample
+    def end_frame(self, seconds: float, count: float, traced: bool) -> None:
+        """Record a frame of the full size that took some seconds. count: frames or samples so far, a part of a sample
         too. traced: whether the path tracer made it."""
         if not self.rests:
             return

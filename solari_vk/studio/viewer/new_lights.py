@@ -17,28 +17,33 @@ LIGHTS = {
     "sun": ("sun", "light from one direction, as from far away"),
 }
 """The kinds of new lights: the name of the first one, and what it is."""
+SMALLEST_RADIUS = 1e-4  # meters: lights that would be smaller are points, far above the smallest sphere there may be
 SUN = (-0.5, -1.0, -0.6)  # in the camera's view: from above the left shoulder
 
 
 def new_light(kind: str, control: CameraControl) -> Light:
     """A light of one of LIGHTS, over the point that the camera sees in the middle, with which white is about white."""
     camera = control.camera
-    illuminance = math.pi * 1.2 * 2.0**camera.ev100  # of a white Lambert surface that is shown as white
+    # A picture is white at 1.2 * 2^EV100 cd/m^2 (Lagarde and de Rousiers, "Moving Frostbite to PBR", 2014, section
+    # 5.1). A white Lambertian surface has that radiance at pi times as many lux.
+    illuminance = math.pi * 1.2 * 2.0**camera.ev100
     if kind == "sun":
         x, back = camera.transform[:3, 0], camera.transform[:3, 2] * (1, 0, 1)
         direction = -SUN[0] * x + SUN[1] * np.array((0, 1, 0)) + SUN[2] * back
         return DirectionalLight(direction.astype(np.float32), illuminance=illuminance)
     height = 0.2 * control.seen_height
     position = control.center + np.array((0, height, 0)) + 0.3 * height * camera.transform[:3, 2]
+    # The illuminance of a point light falls with the squared distance: I = E d^2.
     intensity = illuminance * float(np.sum((position - control.center) ** 2))
     size = 0.05 * height
+    radius = size if size > SMALLEST_RADIUS else 0.0
     if kind == "point":
-        return PointLight(position, intensity=intensity, radius=size if size > 1e-4 else 0.0)
+        return PointLight(position, intensity=intensity, radius=radius)
     return SpotLight(
         position,
         control.center - position,
         intensity=intensity,
-        radius=size if size > 1e-4 else 0.0,
+        radius=radius,
         inner_cone_angle=0.3,
         outer_cone_angle=0.6,
     )

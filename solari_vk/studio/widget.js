@@ -29,7 +29,7 @@ function render({ model, el }) {
     if (!answer.error) await draw(canvas, buffers, answer.type);
     if (answer.page !== page) return;
     waiting = false;
-    if (wanted || !(answer.settled || answer.error)) ask();
+    if (wanted || !(answer.finished || answer.error)) ask();
   };
 
   model.on("msg:custom", show);

@@ -13,7 +13,7 @@ PATIENCE = 1.0  # seconds of compilation before the path tracer's picture is beg
 PAUSE = 1.0  # seconds between two samples of it
 
 
-class Waiting:
+class CompilePreview:
     """Shows what is being compiled, and the path tracer's picture until the realtime renderer's is there.
 
     The path tracer is compiled ten times as fast. pictures: those of the viewer. show: shows the pictures with a text.
@@ -25,7 +25,7 @@ class Waiting:
         self._began: float | None = None
         self._sampled = self._busy = self._failed = False
 
-    def __enter__(self) -> Waiting:
+    def __enter__(self) -> CompilePreview:
         self._heard, self._device.on_compile = self._device.on_compile, self._hear
         return self
 
