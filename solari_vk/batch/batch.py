@@ -40,7 +40,7 @@ from solari_vk.gpu.shaders.spirv import reflect
 from solari_vk.passes import batch as passes
 from solari_vk.passes import reference
 from solari_vk.passes.many_views import upload_rows
-from solari_vk.passes.path_sampling import numbered_seeds
+from solari_vk.passes.reference import numbered_seeds
 from solari_vk.renderers.scene_frame import SceneFrame, checked_device
 from solari_vk.scene.model import Camera, Scene
 

@@ -22,7 +22,7 @@ from solari_vk.output import movie, picture
 from solari_vk.output.error import ErrorEstimate
 from solari_vk.output.kept import frames_folder, write_or_keep
 from solari_vk.passes import lighting, reference
-from solari_vk.passes.path_sampling import numbered_seed
+from solari_vk.passes.reference import numbered_seed
 from solari_vk.passes.taa import render_size
 from solari_vk.renderers.accumulator import FrameAccumulator
 from solari_vk.renderers.renderer import Renderer

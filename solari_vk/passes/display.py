@@ -1,10 +1,13 @@
-"""The sum of all light, and the picture in 8-bit colors; glsl/passes/display/."""
+"""The sum of all light, the picture in 8-bit colors, and counters of rays; glsl/passes/{display/,ray_count.glsl}."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import dataclasses
+from collections.abc import Mapping, Sequence
 
-from solari_vk.gpu.frame.stages import Aliased, Pass, Stage
+from solari_vk.gpu.frame.stages import Aliased, Draw, Pass, Stage, Step
+from solari_vk.gpu.shaders.compiler import compile_shader
+from solari_vk.gpu.shaders.spirv import reflect
 from solari_vk.settings import Settings
 from solari_vk.settings.layering import brdf_constants
 
@@ -39,3 +42,25 @@ def show_stage(size: tuple[int, int], debug_view: str = "") -> Stage:
     """
     passes = ["display/show"] + [debug_view] * bool(debug_view)
     return Stage("show", images={"display": size}, passes=[Pass(name, threads=size) for name in passes])
+
+
+def count_rays(stages: Sequence[Stage]) -> tuple[list[Stage], list[str]]:
+    """The stages with passes that count their rays in the buffer `ray_counts`; and those passes' names, row by row.
+
+    Passes of one name share a row. A row grows by the number of rays of each frame, modulo 2^32. Counting takes some
+    time in each of these passes.
+    """
+    counted: list[str] = []
+
+    def with_counter(item: Pass | Draw | Step) -> Pass | Draw | Step:
+        if not isinstance(item, Pass):
+            return item
+        path = f"passes/{item.name}.comp"
+        if "ray_counter" not in reflect(compile_shader(path, header=item.header), path).constants:
+            return item
+        if item.name not in counted:
+            counted.append(item.name)
+        return dataclasses.replace(item, constants={**item.constants, "ray_counter": counted.index(item.name)})
+
+    found = [dataclasses.replace(stage, passes=[with_counter(item) for item in stage.passes]) for stage in stages]
+    return found, counted

@@ -4,17 +4,19 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from solari_vk.base.errors import SolariError, quoted
-from solari_vk.gpu.frame.frame import Frame
 from solari_vk.gpu.frame.stages import IfUsed, Pass, Stage
-from solari_vk.gpu.frame.uniforms import Uniforms
-from solari_vk.passes.path_sampling import LIGHT_STRATEGIES, PIXEL_FILTERS
+from solari_vk.gpu.shaders.headers import enumeration
 from solari_vk.settings.layering import LAYERINGS, brdf_constants
+
+if TYPE_CHECKING:  # shaders are compiled with this module's header on machines without Vulkan
+    from solari_vk.gpu.frame.frame import Frame
+    from solari_vk.gpu.frame.uniforms import Uniforms
 
 LARGEST_PIXEL_BYTES = 12  # of a pixel in any one buffer: three floats
 DISPATCH_MS = 100.0  # target: far shorter than any driver's watchdog allows, far longer than a dispatch's overhead
@@ -34,6 +36,13 @@ axes as OpenCV has them: x right, y down, z forward), uv (the first set, 0 witho
 (perceptual roughness), emissive (radiance), instance_id and material_id (rows, 2^32 - 1 without a surface). variance is
 that of the mean luminance if all samples of the pixel were independent; they are points of low-discrepancy sequences,
 so the mean's own variance is smaller."""
+
+LIGHT_STRATEGIES = ("mis", "nee", "brdf")
+"""mis: multiple importance sampling of light samples and BRDF samples. nee: next event estimation, light samples alone.
+brdf: BRDF samples alone. All have the same mean."""
+_SEED_STEP = 0x9E3779B9  # odd, so that the seeds of 2^32 pictures differ
+PIXEL_FILTERS = {"box": 0.5, "gaussian": 2.0, "blackman_harris": 1.5}
+"""The radius of each filter in pixels. The Gaussian's standard deviation is a quarter of its radius."""
 
 
 @dataclass(frozen=True)
@@ -135,3 +144,18 @@ def read_aov(frame: Frame, name: str, size: tuple[int, int]) -> NDArray[Any]:
     """One of FIRST_HIT_AOVS, (height, width[, channels])."""
     values = frame[f"aov_{name}"]
     return values.reshape(size[1], size[0], *values.shape[1:])
+
+
+def glsl_header() -> str:
+    """`const uint LIGHT_STRATEGY_MIS = 0u;`, `const uint PIXEL_FILTER_BOX = 0u;` and so on."""
+    return enumeration("LIGHT_STRATEGY", LIGHT_STRATEGIES) + "\n" + enumeration("PIXEL_FILTER", PIXEL_FILTERS)
+
+
+def numbered_seed(seed: int, number: int) -> int:
+    """The seed of one of many pictures with independent noise; picture 0 has `seed` itself."""
+    return (seed + number * _SEED_STEP) % 2**32
+
+
+def numbered_seeds(seed: int, count: int) -> NDArray[np.uint32]:
+    """`numbered_seed` of the pictures from 0 to count - 1."""
+    return (seed + np.arange(count, dtype=np.uint64) * _SEED_STEP).astype(np.uint32)

@@ -16,7 +16,7 @@ from solari_vk.base.errors import SolariError, quoted, unknown_name
 from solari_vk.gpu.device.device import Device
 from solari_vk.output import oidn
 from solari_vk.output.tone_mapping import auto_exposure
-from solari_vk.passes.path_sampling import numbered_seed
+from solari_vk.passes.reference import numbered_seed
 from solari_vk.renderers.path_tracer import PathTracer
 from solari_vk.renderers.scene_frame import checked_device
 from solari_vk.scene.model import Camera, Scene

@@ -20,7 +20,7 @@ from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.frame.frame import Stage
 from solari_vk.gpu.tensors.exports import CudaTensor
 from solari_vk.output.tone_mapping import TONEMAPS
-from solari_vk.passes import display, gbuffer, guides, lighting, ray_count, reference, solari019, taa
+from solari_vk.passes import display, gbuffer, guides, lighting, reference, solari019, taa
 from solari_vk.passes.debug_views import DEBUG_VIEWS, PICTURE, check_view, views_of
 from solari_vk.passes.many_views import tiled, upload_rows
 from solari_vk.renderers.frame_budget import FrameBudget, check_frame_ms
@@ -209,7 +209,7 @@ class Renderer(RendererBase):
             gbuffer.last_stage(instances),
         ]
         if self.count_rays:
-            stages, self.counted_passes = ray_count.counting(stages)
+            stages, self.counted_passes = display.count_rays(stages)
         return stages
 
     def _inputs(self) -> dict[str, Any]:

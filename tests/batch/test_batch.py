@@ -20,7 +20,7 @@ from solari_vk.gpu.shaders.spirv import reflect
 from solari_vk.lab.measure import dataset as measure_dataset
 from solari_vk.passes import batch as passes
 from solari_vk.passes import reference
-from solari_vk.passes.path_sampling import numbered_seed
+from solari_vk.passes.reference import numbered_seed
 from solari_vk.renderers.first_hit_reader import FirstHitReader
 
 SIZE = (13, 7)  # views begin within workgroups

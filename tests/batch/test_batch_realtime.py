@@ -7,7 +7,7 @@ import pytest
 
 import solari_vk as sv
 from solari_vk.cli import main
-from solari_vk.passes.path_sampling import numbered_seed
+from solari_vk.passes.reference import numbered_seed
 from solari_vk.settings import Settings
 
 OUTPUTS = ("radiance", "raw_radiance", "display")

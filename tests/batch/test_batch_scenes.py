@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import solari_vk as sv
-from solari_vk.passes.path_sampling import numbered_seeds
+from solari_vk.passes.reference import numbered_seeds
 from solari_vk.settings import Settings
 
 SIZE = 13, 9

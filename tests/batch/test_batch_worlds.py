@@ -8,7 +8,7 @@ import pytest
 import solari_vk as sv
 from solari_vk.batch.world_changes import WORLD, Known, WorldChanges
 from solari_vk.passes import world_cache
-from solari_vk.passes.path_sampling import numbered_seeds
+from solari_vk.passes.reference import numbered_seeds
 from solari_vk.settings import Settings
 
 SIZE, WORLDS = (13, 9), 3

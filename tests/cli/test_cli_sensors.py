@@ -9,7 +9,7 @@ import solari_vk as sv
 from solari_vk.cli import main
 from solari_vk.data.datasets.dataset import cameras_for
 from solari_vk.output.animation import orbit
-from solari_vk.passes.path_sampling import numbered_seed
+from solari_vk.passes.reference import numbered_seed
 from solari_vk.scene.shutter import between
 
 SIZE = (24, 16)

@@ -1,6 +1,6 @@
 // The values of the AOVs of a pixel.
-#ifndef PASSES_PATHTRACER_AOV_GLSL
-#define PASSES_PATHTRACER_AOV_GLSL
+#ifndef PASSES_REFERENCE_AOV_GLSL
+#define PASSES_REFERENCE_AOV_GLSL
 
 #include "passes/reference/bindings.glsl"
 #include "scene/surface.glsl"

@@ -1,10 +1,10 @@
 // The inputs of the reference path tracer and its outputs.
-#ifndef PASSES_PATHTRACER_BINDINGS_GLSL
-#define PASSES_PATHTRACER_BINDINGS_GLSL
+#ifndef PASSES_REFERENCE_BINDINGS_GLSL
+#define PASSES_REFERENCE_BINDINGS_GLSL
 
 #extension GL_EXT_scalar_block_layout : require
 
-#include "generated/passes/path_sampling.glsl"  // LIGHT_STRATEGY_*, PIXEL_FILTER_*: solari_vk/passes/path_sampling.py
+#include "generated/passes/reference.glsl"  // LIGHT_STRATEGY_*, PIXEL_FILTER_*: solari_vk/passes/reference.py
 #include "scene/camera.glsl"
 
 layout(set = 1, scalar) uniform PathSamplingBlock {

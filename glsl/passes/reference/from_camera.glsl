@@ -1,6 +1,6 @@
 // The path tracer's loop with paths that start at the camera.
-#ifndef PASSES_PATHTRACER_FROM_CAMERA_GLSL
-#define PASSES_PATHTRACER_FROM_CAMERA_GLSL
+#ifndef PASSES_REFERENCE_FROM_CAMERA_GLSL
+#define PASSES_REFERENCE_FROM_CAMERA_GLSL
 
 #include "passes/reference/pixel_filter.glsl"
 #include "passes/reference/trace.glsl"

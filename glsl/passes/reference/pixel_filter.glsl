@@ -1,6 +1,6 @@
 // Pixel filters: how the samples of a pixel spread around its center.
-#ifndef PASSES_PATHTRACER_PIXEL_FILTER_GLSL
-#define PASSES_PATHTRACER_PIXEL_FILTER_GLSL
+#ifndef PASSES_REFERENCE_PIXEL_FILTER_GLSL
+#define PASSES_REFERENCE_PIXEL_FILTER_GLSL
 
 #include "common/math.glsl"
 #include "passes/reference/bindings.glsl"

@@ -1,7 +1,7 @@
 // The loop of the path tracer: updates each pixel's mean with more samples. A shader that includes this file says where
 // paths start.
-#ifndef PASSES_PATHTRACER_TRACE_GLSL
-#define PASSES_PATHTRACER_TRACE_GLSL
+#ifndef PASSES_REFERENCE_TRACE_GLSL
+#define PASSES_REFERENCE_TRACE_GLSL
 
 #include "passes/reference/bindings.glsl"
 #include "passes/views.glsl"

@@ -1,4 +1,4 @@
-// Functions for the debug views of the separate passes, whose table is solari_vk/passes/solari019/views.py.
+// Functions for the debug views of the separate passes, which solari_vk/passes/debug_views.py lists.
 #ifndef PASSES_SOLARI019_DEBUG_VIEWS_GLSL
 #define PASSES_SOLARI019_DEBUG_VIEWS_GLSL
 

@@ -27,7 +27,7 @@ from solari_vk.data.annotate.silhouettes import trace_silhouettes
 from solari_vk.data.randomize.randomizer import Randomizer
 from solari_vk.data.sensors.sensor import Sensor
 from solari_vk.output.picture import WHOLE, save_image, write_npy
-from solari_vk.passes.path_sampling import numbered_seed
+from solari_vk.passes.reference import numbered_seed
 from solari_vk.renderers.accumulator import FrameAccumulator
 from solari_vk.renderers.cluster.device_session import DeviceSession
 from solari_vk.scene.model import Camera, Instance, Scene

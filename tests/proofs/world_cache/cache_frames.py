@@ -9,7 +9,7 @@ import solari_vk as sv
 from solari_vk.bound.projection import CameraUniforms
 from solari_vk.gpu.frame.frame import Frame, Pass, Stage
 from solari_vk.passes import brdf_table, world_cache
-from solari_vk.passes.solari019.stages import cache, light_tiles
+from solari_vk.passes.solari019 import cache, light_tiles
 from solari_vk.renderers.scene_frame import SceneFrame
 from solari_vk.settings import uniform_values
 
