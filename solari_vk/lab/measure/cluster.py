@@ -32,7 +32,7 @@ from numpy.typing import NDArray
 import solari_vk as sv
 from solari_vk.lab.measure.report import Report
 from solari_vk.output.animation import orbit
-from solari_vk.renderers.cluster.device_session import Opening, Results
+from solari_vk.renderers.cluster.device_session import DeviceOptions, Results
 from solari_vk.renderers.cluster.local import software_threads
 from solari_vk.scene.builtin import builtin
 from solari_vk.scene.model import Scene
@@ -62,13 +62,13 @@ def run(
     rays: str | None = None,
 ) -> None:
     """Measure and report. views: of each round. simulate: the load of the scheduler too."""
-    opening = Opening(device, rays)
-    with opening.open() as opened:
+    options = DeviceOptions(device, rays)
+    with options.open() as opened:
         report = Report(opened, markdown, "Several devices", INTRO)
     rows = list[tuple[str, ...]]()
     for count in workers:
         report.progress(f"{count} workers, {views} views of {size[0]}x{size[1]} with {samples} samples a pixel")
-        apart, together = _measure(opening, count, views, size, samples)
+        apart, together = _measure(options, count, views, size, samples)
         (speed_apart, spent_apart), (speed, spent) = (np.median(found / views, axis=0) for found in (apart, together))
         in_time, in_processor_time = np.median(apart / together, axis=0)
         rows.append(
@@ -111,17 +111,19 @@ def _tasks(scene: Scene, folder: str, views: int, size: tuple[int, int], samples
     ]
 
 
-def _measure(opening: Opening, count: int, views: int, size: tuple[int, int], samples: int) -> tuple[Floats, Floats]:
+def _measure(
+    options: DeviceOptions, count: int, views: int, size: tuple[int, int], samples: int
+) -> tuple[Floats, Floats]:
     """Seconds and processor seconds of each round (ROUNDS, 2), by processes apart and by a pool."""
     spawn = multiprocessing.get_context("spawn")
     with tempfile.TemporaryDirectory() as folder, ExitStack() as stack:
         scene = builtin(SCENE)
         tasks = _tasks(scene, folder, views, size, samples)
-        pool = stack.enter_context(sv.cluster.WorkerPool(count, device=opening.device, rays=opening.rays))
+        pool = stack.enter_context(sv.cluster.WorkerPool(count, device=options.device, rays=options.rays))
         lines = []
         for number in range(count):
             line, other = spawn.Pipe()
-            process = spawn.Process(target=_apart, args=(other, opening, count, tasks[:1], tasks[number::count]))
+            process = spawn.Process(target=_apart, args=(other, options, count, tasks[:1], tasks[number::count]))
             process.start()
             stack.callback(process.join)
             stack.callback(line.send, False)
@@ -143,12 +145,16 @@ def _measure(opening: Opening, count: int, views: int, size: tuple[int, int], sa
 
 
 def _apart(
-    line: Any, opening: Opening, count: int, first: list[sv.cluster.RenderTask], share: list[sv.cluster.RenderTask]
+    line: Any,
+    options: DeviceOptions,
+    count: int,
+    first: list[sv.cluster.RenderTask],
+    share: list[sv.cluster.RenderTask],
 ) -> None:
     """One of `count` processes, which renders its share of the tasks whenever it is told to."""
     os.environ.update(software_threads(count))
     scene = builtin(SCENE)
-    with sv.cluster.OneDevice(opening.device, opening.rays) as one:
+    with sv.cluster.OneDevice(options.device, options.rays) as one:
         _finish(one.map(scene, first))
         line.send(None)
         while line.recv():

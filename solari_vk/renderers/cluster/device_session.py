@@ -1,4 +1,4 @@
-"""A device at work: it keeps the scene and the renderers between jobs."""
+"""Jobs of rendering, and the device that does them: it keeps the scene and the renderers from one job to the next."""
 
 from __future__ import annotations
 
@@ -37,15 +37,15 @@ class Job(Protocol):
 
 
 @dataclass(frozen=True)
-class Opening:
-    """How workers open their devices: the arguments of Device."""
+class DeviceOptions:
+    """How workers open their devices: arguments of `Device`."""
 
     device: str | None = None
     rays: str | None = None
     validation: bool | None = None
 
     def open(self, device: str | None = None) -> Device:
-        """Open a device. device: the one to take if these arguments name none."""
+        """Open a device. device: the one to open if these arguments name none."""
         return Device(self.device or device, validation=self.validation, rays=self.rays)
 
 
@@ -55,7 +55,7 @@ def pack(scene: Scene) -> tuple[str, bytes]:
     return hashlib.sha256(data).hexdigest()[:16], data
 
 
-Kind = TypeVar("Kind", bound=RendererBase)
+AnyRenderer = TypeVar("AnyRenderer", bound=RendererBase)
 
 
 class DeviceSession:
@@ -67,16 +67,18 @@ class DeviceSession:
         self._scene_key = ""
         self._clip: int | None = None  # that of the latest job
         self._owned = ExitStack()  # what depends on the scene
-        self._tracer: RayTracer | None = None
-        self._made: dict[type[RendererBase], tuple[Any, RendererBase]] = {}
+        self._ray_tracer: RayTracer | None = None
+        # The renderer of each class, and the options that it was made with.
+        self._renderers: dict[type[RendererBase], tuple[Any, RendererBase]] = {}
 
-    def show(self, key: str, data: bytes, clip: int | None) -> None:
-        """Take the scene that `pack` made these from, unless it is here already, for a job of a clip or of none.
+    def load_scene(self, key: str, data: bytes, clip: int | None) -> None:
+        """Load the scene that `pack` made these from, unless it is loaded already, for a job of a clip or of none.
 
-        A clip leaves its last pose behind: then a job of none, or of another clip, takes the scene anew.
+        A clip leaves its last pose behind: a job of none, or of another clip, then loads the scene anew.
         """
-        if key != self._scene_key or self._clip not in (None, clip):
-            self.forget()
+        is_posed_by_another = self._clip is not None and self._clip != clip
+        if key != self._scene_key or is_posed_by_another:
+            self.free_scene()
             self.scene: Scene = pickle.loads(data)
             self._binder = SceneBinder(self.device, self.scene)
             self._owned.callback(self._binder.destroy)
@@ -86,7 +88,8 @@ class DeviceSession:
     def path_tracer(self, size: tuple[int, int], max_bounces: int, seed: int, first_sample: int = 0) -> PathTracer:
         """A path tracer without samples. The one of earlier jobs is resized if it fits otherwise."""
         tracer = self._renderer(PathTracer, max_bounces, size=size, max_bounces=max_bounces)
-        tracer.seed, tracer.first_sample = seed, first_sample
+        tracer.seed = seed
+        tracer.first_sample = first_sample
         return tracer
 
     def renderer(self, size: tuple[int, int], settings: Settings, seed: int) -> Renderer:
@@ -98,14 +101,15 @@ class DeviceSession:
 
     def ray_tracer(self) -> RayTracer:
         """A tracer of rays through the scene."""
-        if self._tracer is None:
-            self._tracer = RayTracer(self.device, self._binder)
-            self._owned.callback(self._tracer.close)
-        return self._tracer
+        if self._ray_tracer is None:
+            self._ray_tracer = RayTracer(self.device, self._binder)
+            self._owned.callback(self._ray_tracer.close)
+        return self._ray_tracer
 
-    def _renderer(self, kind: type[Kind], key: Any, size: tuple[int, int], **options: Any) -> Kind:
-        made, renderer = self._made.pop(kind, (None, None))
-        if renderer is not None and made != key:
+    def _renderer(self, kind: type[AnyRenderer], key: Any, size: tuple[int, int], **options: Any) -> AnyRenderer:
+        """The renderer of earlier jobs, or a new one. key: the options that a renderer can't change."""
+        made_with, renderer = self._renderers.pop(kind, (None, None))
+        if renderer is not None and made_with != key:
             renderer.close()
             renderer = None
         if not isinstance(renderer, kind):
@@ -113,19 +117,19 @@ class DeviceSession:
             self._owned.callback(renderer.close)
         if renderer.size != size:
             renderer.resize(size)
-        self._made[kind] = key, renderer
+        self._renderers[kind] = key, renderer
         return renderer
 
-    def forget(self) -> None:
+    def free_scene(self) -> None:
         """Free the scene and the renderers."""
         self._scene_key = ""
-        self._tracer = None
-        self._made.clear()
+        self._ray_tracer = None
+        self._renderers.clear()
         self._owned.close()
 
     def close(self) -> None:
         """Free the scene and close the device."""
-        self.forget()
+        self.free_scene()
         self.device.close()
 
 
@@ -150,10 +154,11 @@ class OneDevice:
         validation: bool | None = None,
         on_compile: OnCompile | None = None,
     ) -> None:
-        self._opening, self._on_compile = Opening(device, rays, validation), on_compile
+        self._device_options = DeviceOptions(device, rays, validation)
+        self._on_compile = on_compile
 
     def __enter__(self) -> Self:
-        self._session = DeviceSession(self._opening.open())
+        self._session = DeviceSession(self._device_options.open())
         self.device.on_compile = self._on_compile
         return self
 
@@ -174,5 +179,5 @@ class OneDevice:
         """Yield each job with its result."""
         key, data = pack(scene)
         for job in jobs:
-            self._session.show(key, data, job.clip)
+            self._session.load_scene(key, data, job.clip)
             yield job, job.perform(self._session)

@@ -43,9 +43,10 @@ class Identity:
     def difference(self, wanted: Identity) -> str:
         """In what this one differs from the wanted one, in words; "" if they are equal."""
         for field in fields(self):
-            mine, other = getattr(self, field.name), getattr(wanted, field.name)
-            if mine != other:
-                return f"it has {_WORDS[field.name].format(mine)}, but {_WORDS[field.name].format(other)} is needed"
+            value, needed = getattr(self, field.name), getattr(wanted, field.name)
+            if value != needed:
+                words = _WORDS[field.name]
+                return f"it has {words.format(value)}, but {words.format(needed)} is needed"
         return ""
 
 
@@ -72,6 +73,7 @@ def device_of_worker(reports: Sequence[DeviceReport]) -> str | None:
     but different numbers mean different devices. None without the variable and for an entry that means no device, and
     if SOLARI_VK_DEVICE is set.
     """
+    # dask-cuda rotates the list, so that each worker's own device comes first.
     entry = os.environ.get("CUDA_VISIBLE_DEVICES", "").split(",")[0].strip().lower()
     usable = [report for report in reports if not report.missing and report.kind == "discrete gpu"]
     if not entry or "SOLARI_VK_DEVICE" in os.environ:

@@ -13,16 +13,20 @@ import dask
 from distributed import Nanny, Scheduler, SpecCluster
 
 from solari_vk.gpu.device.device import list_devices
-from solari_vk.renderers.cluster.device_session import Opening
+from solari_vk.renderers.cluster.device_session import DeviceOptions
 
 
 @contextmanager
-def local_cluster(worker_count: int, opening: Opening) -> Iterator[Any]:
+def local_cluster(worker_count: int, device_options: DeviceOptions) -> Iterator[Any]:
     """Worker processes, each with a device by its UUID; devices of the same name are given in turn."""
-    with opening.open() as device:
-        chosen, name = device.properties.uuid, device.properties.name
-    alike = [report.uuid for report in list_devices() if report.name == name and not report.missing]
-    devices = [chosen] if opening.device else [chosen, *(uuid for uuid in alike if uuid != chosen)]
+    with device_options.open() as device:
+        chosen = device.properties.uuid
+        name = device.properties.name
+    devices = [chosen]
+    if not device_options.device:
+        # All workers need devices of one kind, or their pictures would have other bits.
+        alike = [report.uuid for report in list_devices() if report.name == name and not report.missing]
+        devices += [uuid for uuid in alike if uuid != chosen]
     threads = software_threads(worker_count)
     here = {"dashboard": False, "host": "127.0.0.1", "dashboard_address": "127.0.0.1:0"}  # no port for others
     workers = {

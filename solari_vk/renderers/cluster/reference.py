@@ -26,13 +26,13 @@ from solari_vk.renderers.sample_counts import FIRST_DENOISED_LOOK
 from solari_vk.scene.model import Camera, Scene
 
 GUIDES = ("albedo", "shading_normal")
-CHUNKS = 32  # of a picture with few samples
-LARGEST_CHUNK = 64  # samples a pixel
-CHUNK_OF_TARGET = 16  # samples a pixel, where an error ends the picture
+CHUNKS = 32  # of a picture with few samples, so that as many workers have something to do
+LARGEST_CHUNK = 64  # samples per pixel: a longer one would be lost as a whole with its worker
+CHUNK_OF_TARGET = 16  # samples per pixel where an error ends the picture, which may then have a chunk too many
 
 
 def chunk_samples(samples: int | None) -> int:
-    """The samples a pixel of a chunk, of a picture with this many samples; None: as many as its error takes."""
+    """The samples per pixel of a chunk of a picture with so many samples; None: as many as its error takes."""
     if samples is None:
         return CHUNK_OF_TARGET
     return min(max(math.ceil(samples / CHUNKS), 1), LARGEST_CHUNK)
@@ -125,15 +125,16 @@ class ReferencePicture:
     def variance(self) -> NDArray[np.float32]:
         """Variance of the mean luminance (height, width) of independent samples; inf after a single sample."""
         count = self.samples
-        spread = self._deviations / (count * (count - 1)) if count > 1 else np.full_like(self._deviations, np.inf)
-        return np.asarray(spread, np.float32)
+        if count < 2:
+            return np.full(np.shape(self._deviations), np.inf, np.float32)
+        return np.asarray(self._deviations / (count * (count - 1)), np.float32)
 
-    def put(self, index: int, result: ChunkResult) -> None:
-        """Take a chunk, which is added in its turn."""
+    def receive(self, index: int, result: ChunkResult) -> None:
+        """Keep a chunk until it is added in its turn."""
         self._waiting[index] = result
 
     def add_next(self) -> bool:
-        """Add the next chunk, if it is here."""
+        """Add the chunk whose turn it is, and return True; False if it hasn't been received."""
         chunk = self._waiting.pop(self._next, None)
         if chunk is None:
             return False
@@ -147,14 +148,15 @@ class ReferencePicture:
             self._add(self._waiting.pop(index))
 
     def _add(self, chunk: ChunkResult) -> None:
-        # Chan, Golub, LeVeque, "Updating Formulae and a Pairwise Algorithm for Computing Sample Variances" (1979)
-        count, before = self.samples + chunk.samples, self.samples
-        mean = chunk.mean.astype(np.float64)
-        apart = mean - self._mean
-        self._mean = self._mean + apart * (chunk.samples / count)
+        # The mean and the sum of squared deviations of two sets of samples are merged as by Chan, Golub and LeVeque,
+        # "Updating Formulae and a Pairwise Algorithm for Computing Sample Variances" (1979).
+        before = self.samples
+        count = before + chunk.samples
+        difference = chunk.mean.astype(np.float64) - self._mean
+        self._mean = self._mean + difference * (chunk.samples / count)
         self._deviations = self._deviations + chunk.deviations.astype(np.float64)
         if before:
-            self._deviations += luminance(apart) ** 2 * (before * chunk.samples / count)
+            self._deviations += luminance(difference) ** 2 * (before * chunk.samples / count)
         self.samples = count
         self.rays += chunk.rays
         self.layers.update(chunk.layers)
@@ -183,13 +185,12 @@ def render_reference(
     per pixel and the estimated error, about once a second; when it returns True, rendering ends with what is done.
     Raises SolariError for wrong options, and when workers fail.
     """
-    if samples is None and target_error is None:
-        raise SolariError("render_reference: give a number of samples, or a target_error")
-    if samples is not None and (not isinstance(samples, int) or samples < 1):
-        raise SolariError(f"render_reference: samples must be a whole number from 1 on, not {quoted(samples)}")
+    _check_aim(samples, target_error)
     if denoise:
         oidn.check_installed()
-    camera = scene.camera_for(size[0] / size[1]) if camera is None else camera
+    if camera is None:
+        camera = scene.camera_for(size[0] / size[1])
+    # The variance comes of the samples of all chunks; other layers are the same in each, so the first brings them.
     names = tuple(name for name in layers if name != "variance")
     first = Chunk(0, 0, chunk_samples(samples), camera, size, max_bounces, seed, names, guided=denoise)
     picture = ReferencePicture(denoise)
@@ -197,11 +198,9 @@ def render_reference(
     with closing(pool.map(scene, _chunks(first, samples))) as results:
         for done in results:
             if done is not None:
-                picture.put(done[0].index, done[1])
-            enough = False
-            while not enough and picture.add_next():
-                enough = target_error is not None and _look(estimate, picture) <= target_error
-            if enough:
+                job, result = done
+                picture.receive(job.index, result)
+            if _add_chunks(picture, estimate, target_error):
                 break
             if progress is not None and picture.samples and progress(picture.samples, estimate.error):
                 picture.add_rest()
@@ -210,6 +209,24 @@ def render_reference(
     if "variance" in layers:
         picture.layers["variance"] = picture.variance
     return picture
+
+
+def _check_aim(samples: Any, target_error: float | None) -> None:
+    """Raise SolariError where nothing says how many samples a picture takes."""
+    if samples is None and target_error is None:
+        raise SolariError("render_reference: give a number of samples, or a target_error")
+    if samples is not None and (not isinstance(samples, int) or samples < 1):
+        raise SolariError(f"render_reference: samples must be a whole number from 1 on, not {quoted(samples)}")
+
+
+def _add_chunks(picture: ReferencePicture, estimate: ErrorEstimate, target_error: float | None) -> bool:
+    """Add the received chunks whose turn it is, until the target is met. Returns whether it is.
+
+    The error is looked at after each chunk, so that the picture has the same chunks for any number of workers."""
+    while picture.add_next():
+        if target_error is not None and _estimated_error(estimate, picture) <= target_error:
+            return True
+    return False
 
 
 def _chunks(first: Chunk, samples: int | None) -> Iterator[Chunk]:
@@ -224,7 +241,7 @@ def _chunks(first: Chunk, samples: int | None) -> Iterator[Chunk]:
         yield dataclasses.replace(other, index=index, first_sample=begin, samples=left)
 
 
-def _look(estimate: ErrorEstimate, picture: ReferencePicture) -> float:
+def _estimated_error(estimate: ErrorEstimate, picture: ReferencePicture) -> float:
     if picture.samples >= estimate.next_count:
         if picture.denoised:
             estimate.look_at_other(picture.samples, picture.raw_radiance, lambda: picture.radiance)

@@ -18,16 +18,16 @@ from queue import Empty, SimpleQueue
 from typing import Any, Self
 
 from solari_vk.base.errors import DeviceError, SolariError, quoted
-from solari_vk.renderers.cluster.device_session import AnyJob, Opening, Results, pack
+from solari_vk.renderers.cluster.device_session import AnyJob, DeviceOptions, Results, pack
 from solari_vk.renderers.cluster.identity import Identity
 from solari_vk.scene.model import Scene
 
-AHEAD = 2  # jobs a worker: one in work, and the next
+JOBS_OF_WORKER = 2  # one in work, and the next, so that a worker needn't wait for its result to be fetched
 TICK_SECONDS = 1.0
 WORKERS_PER_CORE = 16  # each is a process
 CONNECT_SECONDS = 10.0
-BUSY = 30.0  # seconds after which a pool doesn't wait any more for workers that don't answer
-PATIENCE = 120.0  # seconds without any worker of this machine after which a pool gives up
+ANSWER_SECONDS = 30.0  # after which a pool doesn't wait any more for workers that don't say who they are
+GIVE_UP_SECONDS = 120.0  # without any worker of this machine
 TRIES = 3  # of a job on devices that fail
 
 GUARD = "(workers import the script that starts them: write what it does below `if __name__ == '__main__':`)"
@@ -42,7 +42,7 @@ class _Task:
     losses: int = 0
     """How often all workers that had it ended."""
     workers: frozenset[str] = frozenset()
-    """Who may do it."""
+    """The addresses of the workers that may do it."""
 
 
 def _check_address(address: str) -> None:
@@ -57,8 +57,10 @@ def _check_address(address: str) -> None:
         get_backend(scheme).get_connector()  # a TypeError without the library of the scheme
         if scheme == "inproc":
             global_manager.validate_address(place)
-        elif not (parse_host_port(place)[0] and 0 < parse_host_port(place)[1] < 65536):
-            raise ValueError("it needs a host and a port")
+        else:
+            host, port = parse_host_port(place)
+            if not host or not 0 < port < 65536:
+                raise ValueError("it needs a host and a port")
         if scheme in ("tls", "wss") and Security().get_connection_args("client").get("ssl_context") is None:
             raise ValueError("dask's configuration has no certificates for TLS")
     except (ValueError, TypeError, ImportError) as error:
@@ -95,7 +97,8 @@ class WorkerPool:
             raise SolariError("WorkerPool: give either a number of workers, or the address of a scheduler")
         if workers is not None and (not isinstance(workers, int) or workers < 1):
             raise SolariError(f"WorkerPool: workers must be a whole number from 1 on, not {quoted(workers)}")
-        if workers is not None and workers > (most := WORKERS_PER_CORE * (os.cpu_count() or 1)):
+        most = WORKERS_PER_CORE * (os.cpu_count() or 1)
+        if workers is not None and workers > most:
             raise SolariError(f"WorkerPool: this machine has cores for at most {most} workers, not {quoted(workers)}")
         try:
             import distributed
@@ -104,31 +107,33 @@ class WorkerPool:
         if address is not None:
             _check_address(address)
         self._distributed: Any = distributed
-        self._workers, self._address, self._say = workers, address, say
-        self._opening = Opening(device, rays, validation)
-        self._events: SimpleQueue[Any] = SimpleQueue()  # futures that are done
+        self._local_count = workers  # None: the workers are those of a scheduler
+        self._address = address
+        self._say = say
+        self._device_options = DeviceOptions(device, rays, validation)
+        self._finished: SimpleQueue[Any] = SimpleQueue()  # futures that are done, which dask's threads put here
         self._submissions = 0
 
     @property
     def shares_files(self) -> bool:
         """Whether the workers write into this machine's folders."""
-        return self._workers is not None
+        return self._local_count is not None
 
     @property
     def worker_count(self) -> int:
         """The number of workers that take part at the moment."""
-        return len(self._known_workers.accepted)
+        return len(self._workers.accepted)
 
     @property
     def refused(self) -> dict[str, str]:
         """Why workers aren't used, by their addresses."""
-        return self._known_workers.refused
+        return self._workers.refused
 
     @property
     def identity(self) -> Identity:
         """What all workers that take part are."""
-        assert self._known_workers.identity is not None
-        return self._known_workers.identity
+        assert self._workers.identity is not None
+        return self._workers.identity
 
     # ---- opening and closing ------------------------------------------------------------------------
 
@@ -137,11 +142,11 @@ class WorkerPool:
 
         with ExitStack() as opened:
             target = self._address
-            if self._workers is not None:
+            if self._local_count is not None:
                 from solari_vk.renderers.cluster.local import local_cluster
 
                 try:
-                    target = opened.enter_context(local_cluster(self._workers, self._opening))
+                    target = opened.enter_context(local_cluster(self._local_count, self._device_options))
                 except RuntimeError as error:
                     raise SolariError(f"no worker can start: {error} {GUARD}") from None
             options = {"set_as_default": False, "direct_to_workers": self.shares_files, "timeout": CONNECT_SECONDS}
@@ -150,7 +155,7 @@ class WorkerPool:
                 """The client of dask."""
             except (OSError, ValueError) as error:
                 raise SolariError(f"no scheduler of dask answers at {self._address}: {error}") from None
-            self._known_workers = Workers(self.client, self._opening, self._events, self._say)
+            self._workers = Workers(self.client, self._device_options, self._finished, self._say)
             self._await_workers()
             self._opened = opened.pop_all()
         return self
@@ -159,32 +164,37 @@ class WorkerPool:
         self._opened.close()
 
     def _await_workers(self) -> None:
-        """Ask the workers that are here who they are, and wait until there is one that can take part."""
-        known_workers, started, said = self._known_workers, time.monotonic(), False
-        if self._workers is not None:
-            self.client.wait_for_workers(self._workers)
+        """Ask the workers for their identities, and wait until there is one that can take part."""
+        workers = self._workers
+        started = time.monotonic()
+        said = False
+        if self._local_count is not None:
+            self.client.wait_for_workers(self._local_count)
         while True:
-            known_workers.look_around()
-            future = self._next_event()
+            workers.poll()
+            future = self._next_finished()
             if future is not None:
-                known_workers.note(future)
-            elif not said and not known_workers.is_asking and self._workers is None:
+                workers.handle_answer(future)
+            elif not said and not workers.is_asking and self._local_count is None:
                 said = True
                 self._say(f"waiting for a worker at {self._address}")
             seconds = time.monotonic() - started
-            if (not known_workers.is_asking or seconds > BUSY) and known_workers.choose():
+            all_answered = not workers.is_asking or seconds > ANSWER_SECONDS
+            if all_answered and workers.choose_identity():
                 return
-            if self._workers is not None and (len(known_workers.refused) >= self._workers or seconds > PATIENCE):
+            # The workers of a scheduler may come later, those of this machine are all that there will be.
+            local_count = self._local_count
+            if local_count is not None and (len(workers.refused) >= local_count or seconds > GIVE_UP_SECONDS):
                 raise self._no_worker()
 
     def _no_worker(self) -> SolariError:
         reasons = "; ".join(f"{address}: {reason}" for address, reason in self.refused.items())
         return SolariError(f"no worker can render: {reasons or 'none has answered'}")
 
-    def _next_event(self) -> Any:
+    def _next_finished(self) -> Any:
         """A future that is done, or None after a second."""
         try:
-            return self._events.get(timeout=TICK_SECONDS)
+            return self._finished.get(timeout=TICK_SECONDS)
         except Empty:
             return None
 
@@ -196,42 +206,34 @@ class WorkerPool:
         jobs may be endless: they are taken as workers become free. Raises SolariError when a job fails, and when the
         scheduler is gone. Closing the iterator calls the other jobs off.
         """
-        import dask
-
         key, data = pack(scene)
-        # a task rather than scattered data, because dask makes tasks again whose results were lost with their workers
-        with dask.config.set({"distributed.admin.large-graph-warning-threshold": len(data) + 10_000_000}):
-            scene_there = self.client.submit(bytes, data, key=f"solari_vk-scene-{key}")
-        source, again = iter(jobs), deque[_Task]()
-        out: dict[Any, _Task] = {}
-        seen = time.monotonic()
+        scene_there = self._submit_scene(key, data)
+        source = map(_Task, jobs)
+        again: deque[_Task] = deque()  # tasks that a worker has lost, or failed to do
+        out: dict[Any, _Task] = {}  # tasks that workers have, by their futures
+        last_worker = time.monotonic()  # when there was one
         try:
             while True:
-                self._known_workers.look_around()
-                accepted = self._known_workers.accepted
-                for stranded in [future for future, task in out.items() if task.workers.isdisjoint(accepted)]:
-                    stranded.cancel()
-                    again.append(lost := out.pop(stranded))
-                    lost.losses += 1
-                    if lost.losses > TRIES:
-                        raise SolariError(f"{lost.job.name} ended every worker that had it, {TRIES} times in a row")
-                while len(out) < AHEAD * len(accepted):
-                    task = again.popleft() if again else next(map(_Task, source), None)
+                self._workers.poll()
+                accepted = self._workers.accepted
+                again.extend(self._recall_stranded(out))
+                while len(out) < JOBS_OF_WORKER * len(accepted):
+                    task = again.popleft() if again else next(source, None)
                     if task is None:
                         break
                     future = self._send(task, key, scene_there)
                     out[future] = task
-                    future.add_done_callback(self._events.put)
+                    future.add_done_callback(self._finished.put)
                 if accepted:
-                    seen = time.monotonic()
+                    last_worker = time.monotonic()
                     if not out:
                         return
-                elif self._workers is not None and time.monotonic() - seen > PATIENCE:
+                elif self._local_count is not None and time.monotonic() - last_worker > GIVE_UP_SECONDS:
                     raise self._no_worker()
-                future = self._next_event()
+                future = self._next_finished()
                 if future is None:
                     yield None
-                elif not self._known_workers.note(future) and future in out:
+                elif not self._workers.handle_answer(future) and future in out:
                     task = out.pop(future)
                     if self._succeeded(future, task):
                         yield task.job, self._result(future)
@@ -241,16 +243,40 @@ class WorkerPool:
             for future in out:
                 future.cancel()
 
+    def _submit_scene(self, key: str, data: bytes) -> Any:
+        """Have the scheduler hold a scene's bytes; returns their future.
+
+        It is a task rather than scattered data, because dask makes tasks again whose results were lost with their
+        workers."""
+        import dask
+
+        with dask.config.set({"distributed.admin.large-graph-warning-threshold": len(data) + 10_000_000}):
+            return self.client.submit(bytes, data, key=f"solari_vk-scene-{key}")
+
+    def _recall_stranded(self, out: dict[Any, _Task]) -> list[_Task]:
+        """Take the tasks out whose workers are all gone, and return them. Raises SolariError for one that ended all
+        workers that had it, too often."""
+        stranded = [future for future, task in out.items() if task.workers.isdisjoint(self._workers.accepted)]
+        tasks = []
+        for future in stranded:
+            future.cancel()
+            task = out.pop(future)
+            task.losses += 1
+            if task.losses > TRIES:
+                raise SolariError(f"{task.job.name} ended every worker that had it, {TRIES} times in a row")
+            tasks.append(task)
+        return tasks
+
     def _send(self, task: _Task, key: str, scene: Any) -> Any:
         """Have a job done by one of the workers that take part, of which there must be one; returns its future."""
         from solari_vk.renderers.cluster.worker import perform
 
         self._submissions += 1
-        task.workers = frozenset(self._known_workers.accepted)
+        task.workers = frozenset(self._workers.accepted)
         return self.client.submit(
             perform,
             self.identity,
-            self._opening,
+            self._device_options,
             key,
             scene,
             task.job,
@@ -266,11 +292,11 @@ class WorkerPool:
         if future.status == "finished":
             return True
         if future.status != "error":  # dask dropped it, as it does when the scheduler is gone
-            self._known_workers.check_scheduler()
+            self._workers.check_scheduler()
             return False
         error = future.exception()
         if isinstance(error, UnfitWorkerError):  # another process has taken the address of one that was accepted
-            self._known_workers.refuse(*error.args)
+            self._workers.refuse(*error.args)
             return False
         if isinstance(error, self._distributed.KilledWorker):
             raise SolariError(f"{task.job.name} ended every worker that tried it: {error}")
@@ -286,5 +312,5 @@ class WorkerPool:
         try:
             return future.result()
         except (OSError, self._distributed.CancelledError) as error:
-            self._known_workers.check_scheduler()
+            self._workers.check_scheduler()
             raise SolariError(f"a result was lost on its way: {error}") from None

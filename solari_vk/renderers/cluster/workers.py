@@ -1,7 +1,8 @@
-"""Who takes part: workers are asked who they are, and those that would render other bits are refused."""
+"""The workers of a scheduler: each is asked for its identity, and those that would render other bits are refused."""
 
 from __future__ import annotations
 
+import dataclasses
 import time
 from collections.abc import Callable
 from queue import SimpleQueue
@@ -10,52 +11,62 @@ from typing import Any
 from distributed.comm.core import CommClosedError
 
 from solari_vk.base.errors import SolariError
-from solari_vk.renderers.cluster.device_session import Opening
+from solari_vk.renderers.cluster.device_session import DeviceOptions
 from solari_vk.renderers.cluster.identity import Identity, code_hash, version
 from solari_vk.renderers.cluster.worker import identify
 
-LOOK_SECONDS = 1.0  # between looks at who came and went
+POLL_SECONDS = 1.0  # between two looks at which workers came and went
 
 
 class Workers:
     """The workers of a scheduler, each accepted, refused, or not known yet.
 
-    events: a queue in which futures of the client appear when they are done; `note` takes those of the known_workers.
+    finished: a queue in which the client's futures appear when they are done; `handle_answer` takes those that this
+    object has submitted.
     """
 
-    def __init__(self, client: Any, opening: Opening, events: SimpleQueue[Any], say: Callable[[str], None]) -> None:
-        self._client, self._opening, self._events, self._say = client, opening, events, say
+    def __init__(
+        self, client: Any, device_options: DeviceOptions, finished: SimpleQueue[Any], say: Callable[[str], None]
+    ) -> None:
+        self._client = client
+        self._device_options = device_options
+        self._finished = finished
+        self._say = say
         self.accepted: set[str] = set()
         self.refused: dict[str, str] = {}
         """Why workers aren't used, by their addresses."""
         self.identity: Identity | None = None
         """What all accepted workers are."""
-        self._asked: dict[Any, str] = {}  # futures of identities, and the workers that were asked
-        self._candidates: dict[str, Identity] = {}  # before the pool has an identity
-        self._looked = -LOOK_SECONDS
+        self._asked: dict[Any, str] = {}  # futures of identities, and the addresses of the workers that were asked
+        # Workers that answered before `choose_identity` has chosen what all are to be.
+        self._candidates: dict[str, Identity] = {}
+        self._last_poll = -POLL_SECONDS
 
     @property
     def is_asking(self) -> bool:
         """Whether a worker hasn't answered yet."""
         return bool(self._asked)
 
-    def look_around(self) -> None:
-        """Ask new workers who they are, and forget those that are gone. Raises SolariError without a scheduler."""
-        if time.monotonic() - self._looked < LOOK_SECONDS:
+    def poll(self) -> None:
+        """Ask new workers for their identity, and forget those that left. Raises SolariError without a scheduler."""
+        if time.monotonic() - self._last_poll < POLL_SECONDS:
             return
-        self._looked = time.monotonic()
-        here = self._here()
-        self.accepted &= here
+        self._last_poll = time.monotonic()
+        connected = self._connected()
+        self.accepted &= connected
         for future, address in list(self._asked.items()):
-            if address not in here:
+            if address not in connected:
                 del self._asked[future]
                 future.cancel()
-        for address in here - self.accepted - self.refused.keys() - self._candidates.keys() - {*self._asked.values()}:
-            future = self._client.submit(identify, self._opening, workers=[address], pure=False)
+        # A refused worker isn't asked again, although another process may have taken its address since.
+        known = {*self.accepted, *self.refused, *self._candidates, *self._asked.values()}
+        for address in connected - known:
+            future = self._client.submit(identify, self._device_options, workers=[address], pure=False)
             self._asked[future] = address
-            future.add_done_callback(self._events.put)
+            future.add_done_callback(self._finished.put)
 
-    def _here(self) -> set[str]:
+    def _connected(self) -> set[str]:
+        """The addresses of the workers that the scheduler has at the moment."""
         self.check_scheduler()
         try:
             return set(self._client.nthreads())
@@ -70,8 +81,8 @@ class Workers:
     def _gone(self) -> SolariError:
         return SolariError("the scheduler is gone: what was finished before is kept")
 
-    def note(self, future: Any) -> bool:
-        """Take a worker's answer. Returns whether the future was one."""
+    def handle_answer(self, future: Any) -> bool:
+        """Accept or refuse the worker whose identity a finished future has. Returns whether the future is of one."""
         address = self._asked.pop(future, None)
         if address is None:
             return False
@@ -81,30 +92,33 @@ class Workers:
         elif future.status == "finished":
             identity: Identity = future.result()
             if self.identity is not None:
-                self._judge(address, identity)
+                self._accept_if_equal(address, identity, self.identity)
             else:
                 self._candidates[address] = identity
         return True
 
-    def choose(self) -> bool:
-        """Take the device that most workers have, of those with this process's code. Returns whether there is one."""
+    def choose_identity(self) -> bool:
+        """Choose the identity that most workers have, of those with this process's code, and accept these workers.
+        Returns whether there is any."""
         for address, identity in list(self._candidates.items()):
-            mine = Identity(version(), code_hash(), identity.device, identity.driver, identity.rays)
-            if difference := identity.difference(mine):
+            with_this_code = dataclasses.replace(identity, version=version(), code=code_hash())
+            difference = identity.difference(with_this_code)
+            if difference:
                 self.refuse(address, difference)
                 del self._candidates[address]
-        kinds = list(self._candidates.values())
-        if not kinds:
+        identities = list(self._candidates.values())
+        if not identities:
             return False
-        self.identity = max(kinds, key=lambda kind: (kinds.count(kind), repr(kind)))
+        # Among equally frequent ones their text decides, so that the choice doesn't depend on who was first.
+        self.identity = max(identities, key=lambda identity: (identities.count(identity), repr(identity)))
         for address, identity in self._candidates.items():
-            self._judge(address, identity)
+            self._accept_if_equal(address, identity, self.identity)
         self._candidates.clear()
         return True
 
-    def _judge(self, address: str, identity: Identity) -> None:
-        assert self.identity is not None
-        if difference := identity.difference(self.identity):
+    def _accept_if_equal(self, address: str, identity: Identity, wanted: Identity) -> None:
+        difference = identity.difference(wanted)
+        if difference:
             self.refuse(address, difference)
         else:
             self.accepted.add(address)

@@ -326,13 +326,13 @@ def test_a_block_is_the_same_after_any_other(device):
     results = []
     for order in ((0, 1), (1, 0)):
         session = DeviceSession(device)
-        session.show(key, data, None)
+        session.load_scene(key, data, None)
         tasks = blocks(style, views, length=3)
         files = {}
         for number in order:
             files |= tasks[number].perform(session)
         results.append({name: file.sha256 for name, file in files.items()})
-        session.forget()
+        session.free_scene()
     assert results[0] == results[1]
     assert len(results[0]) == 12
 

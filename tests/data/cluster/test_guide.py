@@ -13,7 +13,7 @@ import pytest
 
 from solari_vk.cli import main
 from solari_vk.lab.measure import cluster
-from solari_vk.renderers.cluster.device_session import Opening
+from solari_vk.renderers.cluster.device_session import DeviceOptions
 
 ROOT = Path(__file__).resolve().parents[3]
 PROGRAMS = re.findall(r"^```python\n(.*?)^```$", (ROOT / "docs/guides/clusters.md").read_text(), re.M | re.S)
@@ -74,7 +74,7 @@ def test_the_measurement_takes_the_options_of_the_device(any_device, monkeypatch
 
     monkeypatch.setattr(cluster, "_measure", measure)
     assert main(["bench", "cluster", "--workers", "2", "--device", "0", "--rays", "pipeline"]) == 0
-    assert seen == [Opening("0", "pipeline")]
+    assert seen == [DeviceOptions("0", "pipeline")]
 
 
 @pytest.mark.slow

@@ -157,7 +157,7 @@ def test_chunks_out_of_order_are_summed_in_order():
     for order in ((0, 1, 2, 3), (3, 1, 0, 2)):
         picture = ReferencePicture()
         for number, index in enumerate(order):
-            picture.put(index, chunks[index])
+            picture.receive(index, chunks[index])
             while picture.add_next():
                 pass
             assert picture.samples == sum(n + 1 for n in range(4) if {*range(n + 1)} <= {*order[: number + 1]})
