@@ -13,7 +13,7 @@ from scipy import stats
 from support import statistics
 
 from solari_vk.lab.embree import intersect_planes
-from solari_vk.lab.measure.statistics import interval
+from solari_vk.lab.measure.figures import interval
 from solari_vk.scene import shapes
 from solari_vk.scene.builtin import place
 from solari_vk.scene.model import Camera, Instance, Material, Scene

@@ -12,14 +12,12 @@ from support.files import GltfWriter
 from solari_vk.base.errors import SolariError
 from solari_vk.bound.binder import SceneBinder
 from solari_vk.cli import main
-from solari_vk.lab.measure import denoised, frame_ms, lamps, tree_order
+from solari_vk.lab.measure import denoised, frame_costs, frame_figures, frame_ms, lamps, tree_order
 from solari_vk.lab.measure.bare_rays import plain_tracer
 from solari_vk.lab.measure.character import character
-from solari_vk.lab.measure.frame import animated, costs, run
-from solari_vk.lab.measure.frame.passes import against_bare_rays, count_rays
-from solari_vk.lab.measure.frame.plan import QUICK
+from solari_vk.lab.measure.frame_passes import QUICK, against_bare_rays, count_rays
 from solari_vk.lab.measure.report import Report
-from solari_vk.lab.measure.subjects import from_file, glowing
+from solari_vk.lab.measure.scenes import from_file, glowing
 from solari_vk.renderers.ray_tracer import RayTracer
 from solari_vk.renderers.renderer import Renderer
 from solari_vk.scene.builtin import builtin
@@ -69,11 +67,11 @@ def test_ways_to_build_trees(device, monkeypatch):
     low, high = scene.bounds
     rays = rng.uniform(low, high, (500, 3)).astype(np.float32), rng.normal(size=(500, 3)).astype(np.float32)
     found = []
-    for way, handed in tree_order.WAYS.items():
-        with handed(), RayTracer(device, tree_order.one_mesh(scene) if way == "one mesh" else scene) as tracer:
+    for name, handed in tree_order.ORDERS.items():
+        with handed(), RayTracer(device, tree_order.one_mesh(scene) if name == "one mesh" else scene) as tracer:
             found.append(tracer.trace(*rays)["t"])
             orders = tracer.binder.triangle_orders.values()
-            assert all((order == np.arange(len(order))).all() for order in orders) == (way == "as given")
+            assert all((order == np.arange(len(order))).all() for order in orders) == (name == "as given")
     np.testing.assert_allclose(found, [found[0]] * len(found), rtol=1e-5)
 
 
@@ -152,8 +150,8 @@ def test_nothing_to_trace_is_no_ratio(device):
 
 def test_page_of_the_frame_names_the_way(lent_device, tmp_path, monkeypatch):
     for section in ("_passes", "_start", "_host", "_growth", "_animated"):
-        monkeypatch.setattr(run, section, lambda *_: None)
-    monkeypatch.setattr(run, "_memory", lambda device, report: report.figure("way", 1.0, device.rays))
+        monkeypatch.setattr(frame_figures, section, lambda *_: None)
+    monkeypatch.setattr(frame_figures, "_memory", lambda device, report: report.figure("way", 1.0, device.rays))
     for way in ("query", "pipeline"):
         page = tmp_path / "page.md"
         assert main(["bench", "frame", "--quick", "--rays", way, "--markdown", str(page)]) == 0
@@ -165,9 +163,9 @@ def test_page_of_the_frame_names_the_way(lent_device, tmp_path, monkeypatch):
 def test_quick_page_of_the_frame(lent_device, tmp_path, monkeypatch, way):
     """The page has every section but that of the slow test below, and pictures are written; times and counts of rays
     are positive. By default growth is not measured."""
-    monkeypatch.setattr(run, "_animated", lambda *_: None)
+    monkeypatch.setattr(frame_figures, "_animated", lambda *_: None)
     if way == "query":
-        monkeypatch.setattr(costs, "frame_time", lambda *_: 1.0)
+        monkeypatch.setattr(frame_costs, "frame_time", lambda *_: 1.0)
     page, pictures = tmp_path / "page.md", tmp_path / "pictures"
     quick = ["bench", "frame", "--quick", "--rays", way]
     assert main([*quick, "--markdown", str(page), "--pictures", str(pictures)]) == 0
@@ -219,7 +217,7 @@ def test_quick_page_of_the_denoiser(lent_device, tmp_path, monkeypatch):
 
 
 @pytest.mark.slow
-def test_quick_page_of_judged_settings(lent_device, tmp_path):
+def test_quick_page_of_compared_settings(lent_device, tmp_path):
     """With the settings of the preset errors and their ratio are as before; without the denoiser they rise."""
     page = tmp_path / "page.md"
     judge = ["bench", "settings", "--quick", "--markdown", str(page), "--change"]
@@ -276,7 +274,7 @@ def test_quick_page_of_portals(lent_device, tmp_path):
 
 
 @pytest.mark.slow
-def test_judged_scenes_are_chosen_and_their_truth_is_kept(lent_device, tmp_path):
+def test_compared_scenes_are_chosen_and_their_truth_is_kept(lent_device, tmp_path):
     """A second run takes the path tracer's pictures from the folder: with twice the light, errors are others."""
     page, kept = tmp_path / "page.md", tmp_path / "kept"
     judge = [
@@ -330,8 +328,8 @@ def test_page_of_loading(lent_device, tmp_path):
 
 @pytest.mark.slow
 def test_the_row_of_an_animated_character(device):
-    row = animated.measure(device, character(1000, 5), QUICK)
-    assert len(row) == len(animated.HEAD)
+    row = frame_costs.measure_character(device, character(1000, 5), QUICK)
+    assert len(row) == len(frame_costs.CHARACTER_HEAD)
     assert row[0] == "character"
     assert int(row[1].replace(",", "")) == pytest.approx(1000, rel=0.1)
     *parts, moving, _ = map(float, row[2:])

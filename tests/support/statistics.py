@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import stats
 from support.seeded_bugs import Measurement, Rule
 
-from solari_vk.lab.measure.statistics import interval
+from solari_vk.lab.measure.figures import interval
 
 Floats = NDArray[np.float64]
 ALPHA = 0.005  # family-wise level of the tiles of one picture

@@ -11,7 +11,8 @@ from solari_vk.cli.jobs import DeviceOptions
 from solari_vk.cli.options import Command, factor, flag, option, positive, size, words
 from solari_vk.settings import FIELDS
 
-_FILES, _SCENES = "glTF files to load", "glTF files to measure beside the built-in scenes"
+_FILES = "glTF files to load"
+_SCENES = "glTF files to measure beside the built-in scenes"
 RUN = "lab.cli.bench:run"
 _QUICK = "tiny pictures and few runs, only to try the command"
 
@@ -43,7 +44,7 @@ class Load(Measurement):
 
 @dataclass(frozen=True, kw_only=True)
 class Frame(Measurement):
-    MODULE = "frame.run"
+    MODULE = "frame_figures"
     files: tuple[Path, ...] = option(_SCENES, names=("files",), nargs="*", type=Path, default=())
     pictures: Path | None = option("write a picture of each scene", "FOLDER", type=Path)
     quick: bool = flag(_QUICK)
@@ -61,8 +62,8 @@ class Denoise(Measurement):
 
 
 @dataclass(frozen=True, kw_only=True)
-class JudgedSettings(Measurement):
-    MODULE = "judged_settings"
+class ComparedSettings(Measurement):
+    MODULE = "compared_settings"
     files: tuple[Path, ...] = option(_SCENES, names=("files",), nargs="*", type=Path, default=())
     base: str = option("settings of both sides", "KEY=VALUE[,...]", default="")
     change: tuple[str, ...] = option("settings to judge (repeatable)", "KEY=VALUE[,...]", action="append", default=())
@@ -198,7 +199,7 @@ Measurement.PARTS = (
     Command("load", "sizes of files, and the times from a file to a scene on the device", RUN, Load),
     Command("frame", "the realtime frame: time and rays by pass, memory, growth, error over time", RUN, Frame),
     Command("denoise", "errors of denoised single frames, still and in motion, beside OIDN's", RUN, Denoise),
-    Command("settings", "errors and times with other settings, raw and denoised", RUN, JudgedSettings),
+    Command("settings", "errors and times with other settings, raw and denoised", RUN, ComparedSettings),
     Command("frame-ms", "how well frame_ms keeps frames to a time", RUN, FrameMs),
     Command("portals", "what a portal in a room's window saves", RUN, Portals),
     Command("lamps", "many emissive triangles in one mesh and in many", RUN, Lamps),

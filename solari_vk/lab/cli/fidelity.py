@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 
 import solari_vk as sv
@@ -25,29 +26,15 @@ from solari_vk.scene.model import Camera
 
 def run(job: FidelityJob) -> int:
     """Render the scenarios and write their pictures; returns the exit code."""
-    found, output = fidelity.read_scenarios(job.scenarios)
-    output = job.output or output
-    if job.scenario is not None:
-        names = [scenario.name for scenario in found]
-        if job.scenario not in names:
-            raise unknown_name("--scenario: there is no scenario", job.scenario, names)
-        found = [found[names.index(job.scenario)]]
-    if output is None:
-        raise SolariError("-o: give the picture's path, or the folder of the pictures")
-    paths = [output]
-    if len(found) > 1:
-        if output.suffix.lower() == ".png":
-            raise SolariError(f"{output}: there are {len(found)} scenarios: give a folder, or one by --scenario NAME")
-        make_folder(output)
-        paths = [output / f"{scenario.name}.png" for scenario in found]
-    for path in paths:
-        check_output(path, (".png",))
+    listed, output = fidelity.read_scenarios(job.scenarios)
+    scenarios = listed if job.scenario is None else [_named(listed, job.scenario)]
+    paths = _paths(scenarios, job.output or output)
     denoise = oidn.is_installed() if job.denoise is None else job.denoise
     if denoise:
         oidn.check_installed()
     missing = []
     with Device(job.device, rays=job.rays, on_compile=CompileNotes()) as device:
-        for scenario, path in zip(found, paths, strict=True):
+        for scenario, path in zip(scenarios, paths, strict=True):
             if scenario.excludes_us:
                 print(f"{scenario.name}: left out, because its 'exclude' names {fidelity.RENDERER}", file=sys.stderr)
                 continue
@@ -56,13 +43,38 @@ def run(job: FidelityJob) -> int:
             except Stopped:
                 raise SolariError(f"{path}: interrupted before it was done, so it isn't written") from None
             except SolariError as error:
-                if len(found) == 1 or device.lost:
+                # Of several scenarios the others still get a picture, unless the device is lost for all.
+                if len(scenarios) == 1 or device.lost:
                     raise
                 missing.append(scenario.name)
                 print(f"solari-vk: {error}", file=sys.stderr)
     if missing:
-        raise SolariError(f"{len(missing)} of {len(found)} scenarios have no picture: {', '.join(missing)}")
+        raise SolariError(f"{len(missing)} of {len(scenarios)} scenarios have no picture: {', '.join(missing)}")
     return 0
+
+
+def _named(scenarios: Sequence[Scenario], name: str) -> Scenario:
+    by_name = {scenario.name: scenario for scenario in scenarios}
+    if name not in by_name:
+        raise unknown_name("--scenario: there is no scenario", name, list(by_name))
+    return by_name[name]
+
+
+def _paths(scenarios: Sequence[Scenario], output: Path | None) -> list[Path]:
+    """The path of each picture: `output` itself for one, files in the folder `output` for several."""
+    if output is None:
+        raise SolariError("-o: give the picture's path, or the folder of the pictures")
+    paths = [output]
+    if len(scenarios) > 1:
+        if output.suffix.lower() == ".png":
+            raise SolariError(
+                f"{output}: there are {len(scenarios)} scenarios: give a folder, or one by --scenario NAME"
+            )
+        make_folder(output)
+        paths = [output / f"{scenario.name}.png" for scenario in scenarios]
+    for path in paths:
+        check_output(path, (".png",))
+    return paths
 
 
 def render(device: Device, scenario: Scenario, path: Path, job: FidelityJob, denoise: bool) -> None:

@@ -12,7 +12,7 @@ from solari_vk.bound.binder import SceneBinder
 from solari_vk.bound.projection import CameraUniforms
 from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.frame.frame import Pass, Stage
-from solari_vk.lab.measure.timing import device_seconds
+from solari_vk.lab.measure.figures import device_seconds
 from solari_vk.renderers.scene_frame import SceneFrame
 from solari_vk.scene.model import Camera
 

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import itertools
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import ExitStack
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -18,8 +20,8 @@ from solari_vk.batch.frames import ManyFrames
 from solari_vk.batch.options import OPTIONS
 from solari_vk.bound.binder import SceneBinder
 from solari_vk.gpu.device.device import Device
+from solari_vk.lab.measure.figures import Work, seconds, warm
 from solari_vk.lab.measure.report import measuring
-from solari_vk.lab.measure.timing import seconds, warm
 from solari_vk.output.animation import orbit
 from solari_vk.renderers.path_tracer import PathTracer
 from solari_vk.renderers.ray_tracer import RayTracer
@@ -29,9 +31,15 @@ from solari_vk.scene.builtin import builtin
 from solari_vk.scene.material import Material
 from solari_vk.scene.model import Camera, Scene
 
-SAMPLES, ROUNDS, HOST_ROUNDS, OBJECTS = 4, 5, 25, 30
+SAMPLES = 4
+ROUNDS = 5
+HOST_ROUNDS = 25
+OBJECTS = 30
 AT_ONCE = 8  # frames of render_many
-STEADY_FRAMES, FEWEST_FRAMES, STEADY_SECONDS = 200, 20, 6.0  # of which the 95th percentile is taken
+# The frames of which the 95th percentile is taken: at most, at least, and the seconds that they may take.
+STEADY_FRAMES = 200
+FEWEST_FRAMES = 20
+STEADY_SECONDS = 6.0
 MOVED = ("short block", "tall block")  # in worlds
 NAMES = ("depth", "instance_id")
 INTRO = (
@@ -53,8 +61,6 @@ INTRO = (
 HEAD = ("renderer and views", "views/s of a batch", "views/s one by one", "ratio", "host us a view", "in a row",
         "at once", "one view", "p95")  # fmt: skip
 
-Work = Callable[[], object]
-
 
 class Row(NamedTuple):
     """Works: `begin` a frame of a batch, a frame `together` with taking results, AT_ONCE of them with `many`, the views
@@ -68,8 +74,40 @@ class Row(NamedTuple):
     one: Work | None = None
 
 
-Works = Iterator[Row]
-"""Rows, while they are needed."""
+Rows = Iterator[Row]
+"""Rows whose works can run until the next row is asked for."""
+
+
+@dataclass(frozen=True)
+class _Asked:
+    """What a row is about. size: of a view. tensors: results stay on the device."""
+
+    device: Device
+    binder: SceneBinder
+    views: int
+    size: tuple[int, int]
+    renderer: str
+    tensors: bool
+
+    @property
+    def samples(self) -> int | None:
+        """Samples a pixel, where the renderer takes a number of them."""
+        return SAMPLES if self.renderer == "reference" else None
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The outputs that are read."""
+        return NAMES if self.renderer == "labels" else ("radiance",)
+
+    def batch(self, size: tuple[int, int], count: int, **options: Any) -> Batch:
+        """A batch of this renderer."""
+        kind: dict[str, Any] = {"outputs": NAMES} if self.renderer == "labels" else {"outputs": (), "seed": 1}
+        return Batch(self.device, self.binder, size, count, renderer=self.renderer, **kind, **options)
+
+    def read(self, results: Batch | ManyFrames) -> None:
+        """Wait for the results."""
+        for name in self.names:
+            _ = results.tensor(name) if self.tensors else results[name]
 
 
 def run(
@@ -94,9 +132,8 @@ def run(
         rows = []
         for count in views:
             for renderer in renderers or OPTIONS:
-                works = [_works(device, binder, count, size, renderer, tensors)]
-                works += [_works_in_worlds(device, binder, count, size, renderer, tensors)] * worlds
-                for row in (row for found in works for row in found):
+                asked = _Asked(device, binder, count, size, renderer, tensors)
+                for row in _all_rows(asked, worlds):
                     report.progress(f"{row.name}, {count} views")
                     rows.append((f"{row.name}, {count}", *_measured(device, count, row)))
         binder.destroy()
@@ -104,16 +141,12 @@ def run(
 
 
 def _scene() -> Scene:
-    scene, rng = builtin("cornell_box"), np.random.default_rng(1)
+    scene = builtin("cornell_box")
+    rng = np.random.default_rng(1)
     for _ in range(OBJECTS):
         material = Material(base_color=rng.random(3, np.float32), perceptual_roughness=float(rng.uniform(0.2, 1)))
         scene.add(shapes.sphere(0.08, 12), material, position=rng.uniform((0.2, 0.1, 0.2), (1.8, 1.5, 1.8)))
     return scene
-
-
-def _take(batch: Batch | ManyFrames, names: Sequence[str], tensors: bool) -> None:
-    for name in names:
-        _ = batch.tensor(name) if tensors else batch[name]
 
 
 def _measured(device: Device, count: int, row: Row) -> tuple[str, ...]:
@@ -122,31 +155,39 @@ def _measured(device: Device, count: int, row: Row) -> tuple[str, ...]:
             work()
         device.wait_idle()
 
-    works: dict[str, Work] = {
-        name: partial(until_done, work)
-        for name in ("together", "many", "alone", "one")
-        if (work := getattr(row, name)) is not None
-    }
+    given = {"together": row.together, "many": row.many, "alone": row.alone, "one": row.one}
+    works: dict[str, Work] = {name: partial(until_done, work) for name, work in given.items() if work is not None}
     works["in a row"] = partial(until_done, row.together, AT_ONCE)
     for work in works.values():
         warm(device, work, 2, 0.2)
-    taken = [[seconds(work) for work in works.values()] for _ in range(ROUNDS)]
-    times = dict(zip(works, np.transpose(taken), strict=True))
+    # In turns, so that other work of the machine slows all of them.
+    rounds = [[seconds(work) for work in works.values()] for _ in range(ROUNDS)]
+    times = dict(zip(works, np.transpose(rounds), strict=True))
     together = times["together"]
     host = []
     for _ in range(HOST_ROUNDS):
         device.wait_idle()
         host.append(seconds(row.begin))
     device.wait_idle()
-    speeds = [f"{count / np.median(together):,.1f}", "-", "-"]
+    speed = f"{count / np.median(together):,.1f}"
+    alone = ratio = "-"
     if "alone" in times:
-        speeds[1:] = f"{count / np.median(times['alone']):,.1f}", f"{np.median(times['alone'] / together):.2f}"
+        alone = f"{count / np.median(times['alone']):,.1f}"
+        ratio = f"{np.median(times['alone'] / together):.2f}"
     many = (f"{np.median(AT_ONCE * together / times[name]):.2f}" for name in ("in a row", "many"))
     one = "-"
     if "one" in times:
         columns, rows = _grid(count)
         one = f"{np.median(count * times['one'] / (columns * rows * together)):.2f}"
-    return (*speeds, f"{1e6 * np.median(host) / count:.2f}", *many, one, f"{_spread(works['together']):.2f}")
+    return (
+        speed,
+        alone,
+        ratio,
+        f"{1e6 * np.median(host) / count:.2f}",
+        *many,
+        one,
+        f"{_spread(works['together']):.2f}",
+    )
 
 
 def _grid(count: int) -> tuple[int, int]:
@@ -168,43 +209,46 @@ def _cameras(binder: SceneBinder, count: int) -> tuple[list[Camera], NDArray[np.
     return cameras, np.stack([camera.transform for camera in cameras]), cameras[0].vertical_fov
 
 
-def _works(
-    device: Device, binder: SceneBinder, count: int, size: tuple[int, int], renderer: str, tensors: bool
-) -> Works:
+def _all_rows(asked: _Asked, worlds: bool) -> Rows:
+    yield from _rows(asked)
+    if worlds:
+        yield from _rows_of_worlds(asked)
+
+
+def _rows(asked: _Asked) -> Rows:
+    """The rows of a batch that shows one scene."""
+    device, binder, count, size = asked.device, asked.binder, asked.views, asked.size
     cameras, poses, fov = _cameras(binder, count)
-    options: dict[str, Any] = {"outputs": NAMES} if renderer == "labels" else {"outputs": (), "seed": 1}
-    names = NAMES if renderer == "labels" else ("radiance",)
     columns, rows = _grid(count)
-    large = size[0] * columns, size[1] * rows
-    samples = SAMPLES if renderer == "reference" else None
     with ExitStack() as stack:
-        batch = stack.enter_context(Batch(device, binder, size, count, renderer=renderer, **options))
-        single = stack.enter_context(Batch(device, binder, large, 1, renderer=renderer, **options))
+        batch = stack.enter_context(asked.batch(size, count))
+        single = stack.enter_context(asked.batch((size[0] * columns, size[1] * rows), 1))
 
         def render(cut: bool = False) -> None:
-            batch.render(poses, vertical_fov=fov, samples=samples, reset=cut)
+            batch.render(poses, vertical_fov=fov, samples=asked.samples, reset=cut)
 
         def read(cut: bool = False) -> None:
             render(cut)
-            _take(batch, names, tensors)
+            asked.read(batch)
 
         def read_one(cut: bool = False) -> None:
-            single.render(poses[:1], vertical_fov=fov, samples=samples, reset=cut)
-            _take(single, names, tensors)
+            single.render(poses[:1], vertical_fov=fov, samples=asked.samples, reset=cut)
+            asked.read(single)
 
         def many(cut: bool = False) -> None:
+            # Cameras that move a little, so that frames are no copies of each other.
             every = np.tile(poses, (AT_ONCE, 1, 1, 1))
             every[:, :, :3, 3] += 1e-3 * np.sin(np.arange(AT_ONCE))[:, None, None]
             cuts = np.full((AT_ONCE, count), cut)
             frames = batch.render_many(
-                every, frames=AT_ONCE, outputs=names, vertical_fov=fov, samples=samples, reset=cuts
+                every, frames=AT_ONCE, outputs=asked.names, vertical_fov=fov, samples=asked.samples, reset=cuts
             )
-            _take(frames, names, tensors)
+            asked.read(frames)
 
-        if renderer == "labels":
+        if asked.renderer == "labels":
             tracer = stack.enter_context(RayTracer(device, binder))
             yield Row("labels", render, read, many, lambda: _trace(tracer, cameras, size), read_one)
-        elif renderer == "reference":
+        elif asked.renderer == "reference":
             path_tracer = stack.enter_context(PathTracer(device, binder, size, seed=1))
 
             def alone() -> None:
@@ -214,42 +258,38 @@ def _works(
 
             yield Row("reference", render, read, many, alone, read_one)
         else:
-            frames = stack.enter_context(Renderer(device, binder, size, seed=1))
-            moves = 0
+            renderer = stack.enter_context(Renderer(device, binder, size, seed=1))
+            frame = itertools.count()
 
             def moving(work: Work) -> None:
-                nonlocal moves
-                poses[:, :3, 3] += 1e-3 * np.sin(moves)
-                moves += 1
+                poses[:, :3, 3] += 1e-3 * np.sin(next(frame))
                 work()
 
-            def follow(cut: bool) -> None:
-                for camera in cameras:
-                    if cut:
-                        frames.reset()
-                    frames.render(camera if cut else cameras[0])["radiance"]
+            def follow() -> None:
+                for _ in cameras:
+                    renderer.render(cameras[0])["radiance"]
 
-            yield Row(
-                "realtime, moving", render, lambda: moving(read), many, lambda: follow(False), lambda: moving(read_one)
-            )
+            def cut_to_each() -> None:
+                for camera in cameras:
+                    renderer.reset()
+                    renderer.render(camera)["radiance"]
+
+            yield Row("realtime, moving", render, lambda: moving(read), many, follow, lambda: moving(read_one))
             yield Row(
                 "realtime, cut",
-                lambda: render(True),
-                lambda: read(True),
-                lambda: many(True),
-                lambda: follow(True),
-                lambda: read_one(True),
+                partial(render, True),
+                partial(read, True),
+                partial(many, True),
+                cut_to_each,
+                partial(read_one, True),
             )
 
 
-def _works_in_worlds(
-    device: Device, binder: SceneBinder, count: int, size: tuple[int, int], renderer: str, tensors: bool
-) -> Works:
-    _, poses, fov = _cameras(binder, count)
-    options: dict[str, Any] = {"outputs": NAMES} if renderer == "labels" else {"outputs": (), "seed": 1}
-    names = NAMES if renderer == "labels" else ("radiance",)
-    with Batch(device, binder, size, count, renderer=renderer, worlds=count, **options) as batch:
-        samples = SAMPLES if renderer == "reference" else None
+def _rows_of_worlds(asked: _Asked) -> Rows:
+    """The row of a batch with a world for each view, whose blocks move in each frame."""
+    count = asked.views
+    _, poses, fov = _cameras(asked.binder, count)
+    with asked.batch(asked.size, count, worlds=count) as batch:
         places = {name: batch.transforms[name] for name in MOVED}
         rng = np.random.default_rng(1)
 
@@ -257,22 +297,22 @@ def _works_in_worlds(
             for name, place in places.items():
                 place[:, ::2, 3] += rng.uniform(-1e-3, 1e-3, (count, 2))
                 batch.transforms[name] = place
-            batch.render(poses, vertical_fov=fov, samples=samples)
+            batch.render(poses, vertical_fov=fov, samples=asked.samples)
 
         def read() -> None:
             render()
-            _take(batch, names, tensors)
+            asked.read(batch)
 
         def many() -> None:
             moves = {name: np.tile(place, (AT_ONCE, 1, 1, 1)) for name, place in places.items()}
             for move in moves.values():
                 move[:, :, ::2, 3] += rng.uniform(-1e-3, 1e-3, (AT_ONCE, count, 2))
             frames = batch.render_many(
-                poses, frames=AT_ONCE, outputs=names, transforms=moves, vertical_fov=fov, samples=samples
+                poses, frames=AT_ONCE, outputs=asked.names, transforms=moves, vertical_fov=fov, samples=asked.samples
             )
-            _take(frames, names, tensors)
+            asked.read(frames)
 
-        yield Row(f"{renderer}, worlds", render, read, many)
+        yield Row(f"{asked.renderer}, worlds", render, read, many)
 
 
 def _trace(tracer: RayTracer, cameras: Sequence[Camera], size: tuple[int, int]) -> None:

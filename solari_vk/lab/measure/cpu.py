@@ -20,7 +20,9 @@ from solari_vk.lab.trial.subject import Conditions, Subject
 from solari_vk.scene.builtin import builtin
 
 SCENES = ("cornell_box", "many_lights", "sphere_grid", "mirror_hall", "shiny_floor", "lamp_gap")
-COARSE, FINE, DENOISED = Goal(1e-2), Goal(1e-3), Goal(5e-3, denoised=True)
+COARSE = Goal(1e-2)
+FINE = Goal(1e-3)
+DENOISED = Goal(5e-3, denoised=True)
 FRAMES = 24
 REALTIME = {"realtime": Kind("solari_vk, realtime", "in_realtime", OURS)}
 INTRO = (
@@ -64,11 +66,12 @@ def run(
         for name in scenes or SCENES:
             report.progress(name)
             folder = make_temporary_folder()
+            start = {kind: partial(Process, kind, folder, time_limit, pythons[kind], child=child) for kind in used}
             try:
                 scene = builtin(name)
-                scene.save(file := folder / "scene.glb")
+                file = folder / "scene.glb"
+                scene.save(file)
                 subjects.write(Subject(name, file, scene, scene.camera), conditions, folder)
-                start = {kind: partial(Process, kind, folder, time_limit, pythons[kind], child=child) for kind in used}
                 found = compare(start, samples, (COARSE, FINE, DENOISED), report.progress)
                 if OURS not in found.results:
                     raise SolariError(f"bench cpu: {name}: {found.failures[OURS]}")
@@ -100,7 +103,8 @@ def _motion(ours: Result, folder: Path, limit: float, child: Path) -> tuple[floa
 
 def rows(found: Comparison, motion: tuple[float, float] | str) -> list[list[str]]:
     """The cells below HEAD."""
-    table, ours = [], _seconds(found.results[OURS], COARSE)
+    table = []
+    ours = _seconds(found.results[OURS], COARSE)
     for name, result in found.results.items():
         coarse, fine, denoised = (_seconds(result, goal) for goal in (COARSE, FINE, DENOISED))
         known = _seconds(result, COARSE, FINE)
@@ -115,7 +119,10 @@ def rows(found: Comparison, motion: tuple[float, float] | str) -> list[list[str]
 
 def _seconds(result: Result, goal: Goal, other: Goal | None = None) -> float | None:
     """Processor seconds to a goal; None if it wasn't reached. other: one that counts too, if this one wasn't."""
-    reached = result.reached.get(goal) or (None if other is None else result.reached.get(other))
+    reached = result.reached.get(goal)
+    if reached is None and other is not None:
+        reached = result.reached.get(other)
     if reached is None:
         return None
+    # The squared error of a path tracer falls as one over the samples; a denoiser's doesn't.
     return reached.processor_seconds * (1.0 if goal.denoised else reached.error / goal.error)

@@ -12,9 +12,9 @@ import solari_vk as sv
 from solari_vk.batch.batch import Batch
 from solari_vk.bound.binder import SceneBinder
 from solari_vk.gpu.device.device import Device
+from solari_vk.lab.measure.figures import Work, seconds, warm
 from solari_vk.lab.measure.report import measuring
-from solari_vk.lab.measure.subjects import from_file
-from solari_vk.lab.measure.timing import seconds, warm
+from solari_vk.lab.measure.scenes import from_file
 from solari_vk.output.animation import orbit
 from solari_vk.passes import batch as passes
 from solari_vk.renderers.path_tracer import PathTracer
@@ -23,7 +23,9 @@ from solari_vk.renderers.renderer import Renderer
 from solari_vk.scene.builtin import builtin
 from solari_vk.scene.model import Camera, Scene
 
-SCENES, SAMPLES, ROUNDS = ("cornell_box", "sphere_grid"), 64, 5
+SCENES = ("cornell_box", "sphere_grid")
+SAMPLES = 64
+ROUNDS = 5
 SETS = {
     "depth, instance_id": ("depth", "instance_id"),
     "all without materials": passes.GEOMETRY,
@@ -40,9 +42,8 @@ INTRO = (
     "whose time isn't counted.",
 )
 HEAD = ("outputs", "views/s", "time / path tracer", "time / realtime")
-PATH_TRACER, REALTIME = f"lit: path tracer, {SAMPLES} samples", "lit: one realtime frame"
-
-Work = Callable[[], object]
+PATH_TRACER = f"lit: path tracer, {SAMPLES} samples"
+REALTIME = "lit: one realtime frame"
 
 
 def run(
@@ -69,7 +70,8 @@ def run(
 
 def measured(device: Device, scene: Scene, views: int, size: tuple[int, int]) -> dict[str, float]:
     """The seconds that a view takes, by the set of outputs."""
-    binder, found = SceneBinder(device, scene), {}
+    binder = SceneBinder(device, scene)
+    found = {}
     try:
         with closing(_works(device, binder, views, size)) as works:
             for name, work in works:

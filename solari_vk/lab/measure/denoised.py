@@ -19,7 +19,7 @@ from solari_vk.base.files import make_folder, whole_file
 from solari_vk.bound.projection import Projection
 from solari_vk.gpu.device.device import Device
 from solari_vk.lab.measure.report import measuring
-from solari_vk.lab.measure.subjects import from_file
+from solari_vk.lab.measure.scenes import from_file
 from solari_vk.output import oidn
 from solari_vk.output.animation import orbit
 from solari_vk.output.compare import flip, true_relative_mse
@@ -37,7 +37,10 @@ SCENES = ("cornell_box", "sphere_grid", "mirror_hall", "many_lights", "polished_
 MOVED = {"cornell_box": ("short block", "lamp")}  # instances of built-in scenes that a case moves
 LOOKS = (1, 8, 32, 128)  # frames after a reset
 MOTION = 32  # frames of a case in motion
-TURN, ORBIT, SLIDE = 1.0, 0.3, 0.004  # of a frame: pixels, degrees, and the share of the scene's size
+# The motion of each frame.
+TURN = 1.0  # pixels
+ORBIT = 0.3  # degrees
+SLIDE = 0.004  # of the scene's size
 SEED, REFERENCE_SEED = 5, 1_000_003
 TITLES = {"paths": "Denoised frames in figures", "split": "Denoised frames of separate passes (lighting=split)"}
 INTRO = (
@@ -99,26 +102,46 @@ def run(
     for folder in (pictures, references):
         if folder is not None:
             make_folder(folder)
-    size, samples, limit = ((16, 16), 16, 2) if quick else ((128, 128), 4096, max(LOOKS))
-    scenes = [builtin(name) for name in SCENES[: 1 if quick else None]] + [from_file(path) for path in files]
+    plan = QUICK if quick else FULL
+    size = plan.size
+    scenes = [builtin(name) for name in SCENES[: plan.scenes]] + [from_file(path) for path in files]
     runs = f"Means over {seeds} runs with different seeds." if seeds > 1 else "One run."
     settings = Settings(lighting=lighting)
     with measuring(select, rays, markdown, TITLES[lighting], f"{INTRO} {runs}") as (device, report):
-        for scene in scenes:
-            for case in cases(scene, size, min(MOTION, limit)):
-                report.progress(f"{scene.name}, {case.name}")
-                kept = references and references / f"{scene.name}, {case.name}, {size[0]}x{size[1]}.npz"
-                looks = [look for look in case.looks if look <= limit]
-                found = [measure(device, scene, case, size, looks, settings, SEED + seed) for seed in range(seeds)]
-                camera = case.place(max(looks) - 1)
-                truths = path_traced(device, scene, camera, size, samples, kept)
-                _add_oidn(device, scene, camera, found)
-                rows = [_row(same, truths, camera.exposure) for same in zip(*found, strict=True)]
-                title = f"{scene.name} {size[0]}x{size[1]}, {case.name}"
-                report.table(title, HEAD, rows)
-                if pictures is not None:
-                    sheet = _sheet(found[0], truths.mean(axis=0), camera.exposure)
-                    sheet.save(pictures / f"{scene.name}, {case.name}.png")
+        for scene, case in _scenes_and_cases(scenes, plan):
+            name = f"{scene.name}, {case.name}"
+            report.progress(name)
+            kept = references and references / f"{name}, {size[0]}x{size[1]}.npz"
+            looks = [look for look in case.looks if look <= plan.frames]
+            found = [measure(device, scene, case, size, looks, settings, SEED + seed) for seed in range(seeds)]
+            camera = case.place(max(looks) - 1)
+            truths = path_traced(device, scene, camera, size, plan.samples, kept)
+            _add_oidn(device, scene, camera, found)
+            rows = [_row(same, truths, camera.exposure) for same in zip(*found, strict=True)]
+            report.table(f"{scene.name} {size[0]}x{size[1]}, {case.name}", HEAD, rows)
+            if pictures is not None:
+                sheet = _sheet(found[0], truths.mean(axis=0), camera.exposure)
+                sheet.save(pictures / f"{name}.png")
+
+
+@dataclass(frozen=True)
+class _Plan:
+    """How much is measured. samples: of the path tracer's pictures. frames: the most of a case. scenes: of SCENES."""
+
+    size: tuple[int, int]
+    samples: int
+    frames: int
+    scenes: int
+
+
+FULL = _Plan((128, 128), 4096, max(LOOKS), len(SCENES))
+QUICK = _Plan((16, 16), 16, 2, 1)
+
+
+def _scenes_and_cases(scenes: Sequence[Scene], plan: _Plan) -> Iterator[tuple[Scene, Case]]:
+    for scene in scenes:
+        for case in cases(scene, plan.size, min(MOTION, plan.frames)):
+            yield scene, case
 
 
 # ---- cases ------------------------------------------------------------------------------------------
@@ -165,19 +188,21 @@ def measure(
     device: Device, scene: Scene, case: Case, size: tuple[int, int], looks: Sequence[int], settings: Settings, seed: int
 ) -> list[Look]:
     """The pictures of a case at some frames, without OIDN's."""
-    found, totals = [], [np.zeros(3)] * 3
+    found = []
+    totals = [np.zeros(3)] * 3
     with Renderer(device, scene, size, settings, seed=seed) as renderer:
         for index in range(max(looks)):
             frame = renderer.render(case.place(index))
             raw = np.asarray(frame["raw_radiance"], np.float64)
             guides = _guides(frame)
             totals = [total + picture for total, picture in zip(totals, (raw, *guides), strict=True)]
-            if index + 1 in looks:
-                mean = None
-                if case.name == "still":
-                    mean, *means = (total / (index + 1) for total in totals)
-                    guides = means[0], means[1]
-                found.append(Look(index + 1, raw, mean, np.asarray(frame["radiance"], np.float64), guides))
+            if index + 1 not in looks:
+                continue
+            mean = None
+            if case.name == "still":
+                mean, albedo, normal = (total / (index + 1) for total in totals)
+                guides = albedo, normal
+            found.append(Look(index + 1, raw, mean, np.asarray(frame["radiance"], np.float64), guides))
     return found
 
 
@@ -230,21 +255,24 @@ def _row(looks: Sequence[Look], references: Picture, exposure: float) -> list[st
     def error(picture: Picture | None) -> float:
         return math.nan if picture is None else true_relative_mse(picture, *references)
 
+    def mean_flip(pictures: Sequence[Picture | None]) -> float:
+        return float(np.mean([flip(picture, truth, exposure) for picture in pictures]))
+
     errors = [
         [error(picture) for picture in (look.raw, look.mean, look.denoised, look.oidn, look.oidn_plus)]
         for look in looks
     ]
     raw, mean, denoised, by_oidn, plus = np.mean(errors, axis=0)
-    flips = [
-        np.mean([flip(picture, truth, exposure) for picture in pictures])
-        for pictures in ([look.denoised for look in looks], [look.oidn for look in looks])
-    ]
     cells = [
-        *(f"{value:.3g}" for value in (raw, mean, denoised, by_oidn)),
+        f"{raw:.3g}",
+        f"{mean:.3g}",
+        f"{denoised:.3g}",
+        f"{by_oidn:.3g}",
         f"{denoised / by_oidn:.2f}",
         f"{plus:.3g}",
         f"{denoised / plus:.2f}",
-        *(f"{flip:.3f}" for flip in flips),
+        f"{mean_flip([look.denoised for look in looks]):.3f}",
+        f"{mean_flip([look.oidn for look in looks]):.3f}",
     ]
     return [str(looks[0].frame), *("" if cell == "nan" else cell for cell in cells)]
 

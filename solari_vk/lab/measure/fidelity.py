@@ -9,6 +9,7 @@ from __future__ import annotations
 import json
 import math
 import os
+from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -105,13 +106,15 @@ def read_scenarios(source: str) -> tuple[list[Scenario], Path | None]:
         found = json.loads(source) if is_text else read_json(Path(source), source)
     except (ValueError, RecursionError) as error:
         raise SolariError(f"{where}: not JSON: {error}") from None
-    listed = found.get("scenarios", [found.get("scenario", found)]) if isinstance(found, dict) else None
+    listed = None
+    if isinstance(found, dict):
+        listed = found.get("scenarios", [found.get("scenario", found)])
     if not isinstance(listed, list) or not listed:
         raise SolariError(f"{where}: 'scenarios' must be a list of scenarios, as in the generator's config.json")
-    scenarios = [_scenario(given, f"{where}: scenario {index}", folder) for index, given in enumerate(listed)]
-    names = [scenario.name for scenario in scenarios]
-    for name in names:
-        if names.count(name) > 1:
+    scenarios = [_scenario(entry, f"{where}: scenario {index}", folder) for index, entry in enumerate(listed)]
+    names = Counter(scenario.name for scenario in scenarios)
+    for name, count in names.items():
+        if count > 1:
             raise SolariError(f"{where}: scenario {quoted(name)}: another has the same 'name': change one")
     output = found.get("outputFile")
     if not isinstance(output, str | None):

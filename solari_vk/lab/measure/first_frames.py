@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from contextlib import ExitStack
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,8 +15,8 @@ from solari_vk.batch.batch import Batch
 from solari_vk.bound.binder import SceneBinder
 from solari_vk.bound.projection import JITTERS
 from solari_vk.gpu.device.device import Device
+from solari_vk.lab.measure.figures import seconds
 from solari_vk.lab.measure.report import measuring
-from solari_vk.lab.measure.timing import seconds
 from solari_vk.output.compare import true_relative_mse
 from solari_vk.renderers.path_tracer import PathTracer
 from solari_vk.renderers.renderer import Renderer
@@ -55,58 +55,86 @@ def run(
         rows = []
         for name in scenes or SCENES:
             report.progress(name)
-            alone, shared, light_alone, light_shared, light_more, slower, later, few = _errors(
-                device, name, views, size, samples
-            )
-            rows.append(
-                (
-                    name,
-                    f"{alone:.4f}",
-                    f"{shared:.4f}",
-                    f"{shared / alone:.2f}",
-                    f"{light_alone:.4f}",
-                    f"{light_shared:.4f}",
-                    f"{light_shared / light_alone:.2f}",
-                    f"{light_more:.4f}",
-                    f"{light_more / light_alone:.2f}",
-                    f"{slower:.2f}",
-                    f"{later:.4f}",
-                    f"{few:.4f}",
-                )
-            )
+            rows.append(_cells(name, _errors(device, name, views, size, samples)))
         report.table(f"{views} views of {size[0]}x{size[1]}", HEAD, rows)
 
 
-def _errors(device: Device, name: str, views: int, size: tuple[int, int], samples: int) -> tuple[float, ...]:
-    """Whole pictures, alone and in a batch; their light, also with MORE_PATHS, and how much slower that is; frame
-    LATER, and the path tracer."""
+class _Errors(NamedTuple):
+    """The relMSE of whole pictures, and of their light: without the pixels at edges."""
+
+    alone: float
+    batch: float
+    light_alone: float
+    light_batch: float
+    light_more_paths: float
+    """In a batch with MORE_PATHS, whose time is `time_ratio` of that without them."""
+    time_ratio: float
+    later: float
+    """Of frame LATER alone."""
+    path_tracer: float
+    """With four samples."""
+
+
+def _cells(name: str, errors: _Errors) -> list[str]:
+    """The cells below HEAD."""
+    return [
+        name,
+        f"{errors.alone:.4f}",
+        f"{errors.batch:.4f}",
+        f"{errors.batch / errors.alone:.2f}",
+        f"{errors.light_alone:.4f}",
+        f"{errors.light_batch:.4f}",
+        f"{errors.light_batch / errors.light_alone:.2f}",
+        f"{errors.light_more_paths:.4f}",
+        f"{errors.light_more_paths / errors.light_alone:.2f}",
+        f"{errors.time_ratio:.2f}",
+        f"{errors.later:.4f}",
+        f"{errors.path_tracer:.4f}",
+    ]
+
+
+def _errors(device: Device, name: str, views: int, size: tuple[int, int], samples: int) -> _Errors:
     scene = builtin(name)
     rng = np.random.default_rng(1)
     places = [around(scene.camera, rng) for _ in range(views)]
     binder = SceneBinder(device, scene)
-    truths = []
-    with PathTracer(device, binder, size) as tracer:
-        for seed in (1, 2):
-            tracer.seed = seed
-            truths.append(np.stack([tracer.render(camera, samples=samples)["radiance"] for camera in places]))
-        tracer.seed = 3
-        few = np.stack([tracer.render(camera, samples=4)["radiance"] for camera in places])
+    first, second, few = _path_traced(device, binder, size, places, samples)
     with Batch(device, binder, size, views, outputs=("instance_id", "geometric_normal")) as batch:
         batch.render(places)
         inner = ~_edges(batch["instance_id"], batch["geometric_normal"])
+    every = np.ones_like(inner)
 
-    def error(picture: NDArray[Any], where: NDArray[np.bool_]) -> float:
-        each = zip(picture, *truths, where, strict=True)
-        return float(np.mean([true_relative_mse(*(found[mask] for found in of)) for *of, mask in each]))
+    def error(pictures: NDArray[Any], where: NDArray[np.bool_]) -> float:
+        each = zip(pictures, first, second, where, strict=True)
+        return float(np.mean([true_relative_mse(picture[mask], a[mask], b[mask]) for picture, a, b, mask in each]))
 
     earlier = [[around(scene.camera, rng) for _ in range(views)] for _ in range(EARLIER)]
     (alone, shared, time), (_, more, longer_time) = _cuts(device, binder, size, places, earlier)
     with Renderer(device, binder, size, seed=4) as renderer:
         later = np.stack([_later(renderer, camera) for camera in places])
     binder.destroy()
-    every = np.ones_like(inner)
-    errors = [error(picture, where) for where in (every, inner) for picture in (alone, shared)]
-    return (*errors, error(more, inner), longer_time / time, error(later, every), error(few, every))
+    return _Errors(
+        error(alone, every),
+        error(shared, every),
+        error(alone, inner),
+        error(shared, inner),
+        error(more, inner),
+        longer_time / time,
+        error(later, every),
+        error(few, every),
+    )
+
+
+def _path_traced(
+    device: Device, binder: SceneBinder, size: tuple[int, int], places: Sequence[Camera], samples: int
+) -> list[NDArray[Any]]:
+    """The path tracer's views: two with independent noise, and one with four samples a pixel."""
+    found = []
+    with PathTracer(device, binder, size) as tracer:
+        for seed, count in ((1, samples), (2, samples), (3, 4)):
+            tracer.seed = seed
+            found.append(np.stack([tracer.render(camera, samples=count)["radiance"] for camera in places]))
+    return found
 
 
 def _cuts(
@@ -130,7 +158,8 @@ def _cuts(
         ]
         first = [show(batch, places) for batch in batches]
         times = [[seconds(partial(show, batch, cameras)) for batch in batches] for cameras in earlier]
-        return list(zip(first, [show(batch, places) for batch in batches], np.median(times, axis=0), strict=True))
+        last = [show(batch, places) for batch in batches]
+        return list(zip(first, last, np.median(times, axis=0), strict=True))
 
 
 def _later(renderer: Renderer, camera: Camera) -> NDArray[np.float32]:

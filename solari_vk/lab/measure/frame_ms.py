@@ -53,24 +53,27 @@ def run(
     milliseconds; by default 3/4 and 1 of the p95 of a scene's frames that don't follow a cut. size: (width, height) of
     the frames. frames: that count. Raises SolariError for unknown scenes, for fewer frames than cuts need, and without
     a folder for the page."""
-    if frames < (least := CUTS * (AFTER + 1)):
+    least = CUTS * (AFTER + 1)
+    if frames < least:
         raise SolariError(f"bench frame-ms: {frames} frames with {CUTS} cuts; take at least {least}")
     scenes = [builtin(name) for name in scene or SCENES]
     with measuring(select, rays, markdown, "Frames of a given time", INTRO) as (device, report):
         rows = []
-        for subject in scenes:
-            report.progress(subject.name)
-            free = milliseconds(device, subject, size, 0.0, frames)
-            own = np.quantile(free.reshape(CUTS, -1)[:, AFTER:], 0.95)
-            aims = target or (round(0.75 * own, 1), round(own, 1))
-            rows.append(_row(subject.name, 0.0, free))
-            rows += [_row(subject.name, aim, milliseconds(device, subject, size, aim, frames)) for aim in aims]
+        for measured in scenes:
+            report.progress(measured.name)
+            free = milliseconds(device, measured, size, 0.0, frames)
+            # Frames after a cut have more paths; the aims are those of the others.
+            p95 = np.quantile(free.reshape(CUTS, -1)[:, AFTER:], 0.95)
+            aims = target or (round(0.75 * p95, 1), round(p95, 1))
+            rows.append(_row(measured.name, 0.0, free))
+            rows += [_row(measured.name, aim, milliseconds(device, measured, size, aim, frames)) for aim in aims]
         report.table(f"{frames} frames of {size[0]}x{size[1]}, milliseconds", HEAD, rows)
 
 
 def milliseconds(device: Device, scene: Scene, size: tuple[int, int], aim: float, frames: int) -> NDArray[np.float64]:
     """Of each frame's passes, (frames rounded down to a multiple of CUTS); every quarter begins with a reset."""
-    camera, spent = scene.camera_for(size[0] / size[1]), []
+    camera = scene.camera_for(size[0] / size[1])
+    spent = []
     with Renderer(device, scene, size, Settings(frame_ms=aim), seed=SEED) as renderer:
         for part in [WARM_UP] + CUTS * [frames // CUTS]:
             renderer.reset()

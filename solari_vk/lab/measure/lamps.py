@@ -9,17 +9,19 @@ from numpy.typing import NDArray
 
 from solari_vk.bound.binder import SceneBinder
 from solari_vk.gpu.device.device import Device
+from solari_vk.lab.measure.figures import device_seconds, interval
 from solari_vk.lab.measure.report import measuring
-from solari_vk.lab.measure.statistics import interval
-from solari_vk.lab.measure.timing import device_seconds
 from solari_vk.output.compare import true_relative_mse
 from solari_vk.renderers.path_tracer import PathTracer
 from solari_vk.scene import shapes
 from solari_vk.scene.builtin import matte, place
 from solari_vk.scene.model import Camera, Material, Mesh, Scene
 
-SIZE, SAMPLES, CONVERGED, SEEDS = (96, 64), 16, 1024, 4
-PARTS = 1, 1000  # meshes
+SIZE = (96, 64)
+SAMPLES = 16
+CONVERGED = 1024
+SEEDS = 4
+PARTS = (1, 1000)  # meshes
 INTRO = (
     "Small triangles that shine on a floor of 24 x 24 m, in one mesh and, by place, in a thousand. To the device: from "
     "arrays to the scene on the device, with the clusters of triangles and the tree of lights; dark: the same without "
@@ -66,7 +68,8 @@ def _measured(device: Device, triangles: int, parts: int) -> tuple[str, ...]:
             binder.destroy()
 
     dark, bound = np.min([(seconds(0.0), seconds(1.0)) for _ in range(2)], 0)
-    with PathTracer(device, scene := glitter(triangles, parts), SIZE, max_bounces=2) as tracer:
+    scene = glitter(triangles, parts)
+    with PathTracer(device, scene, SIZE, max_bounces=2) as tracer:
 
         def picture(seed: int, samples: int) -> NDArray[np.float64]:
             tracer.seed = seed

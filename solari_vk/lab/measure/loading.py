@@ -13,8 +13,8 @@ from urllib.parse import unquote
 
 from solari_vk.bound.binder import SceneBinder
 from solari_vk.gpu.device.device import Device
+from solari_vk.lab.measure.figures import device_seconds
 from solari_vk.lab.measure.report import measuring
-from solari_vk.lab.measure.timing import device_seconds
 from solari_vk.scene.files.gltf.images import Images
 from solari_vk.scene.load import load
 from solari_vk.scene.material import TEXTURES
@@ -42,7 +42,9 @@ def run(select: str | None, files: Sequence[Path], *, rays: str | None = None, m
 
 def measure(device: Device, path: Path) -> list[str]:
     """A row of the table."""
-    read, decode, upload = [], [], []
+    read = []
+    decode = []
+    upload = []
     for _ in range(RUNS):
         with _time_of_images() as spent:
             started = time.perf_counter()
@@ -73,7 +75,8 @@ def _images(scene: Scene) -> Iterator[Any]:
     """The images of all textures, several times if they are used so."""
     for material in scene.materials:
         for slot in TEXTURES:
-            if (texture := getattr(material, slot)) is not None:
+            texture = getattr(material, slot)
+            if texture is not None:
                 yield texture.image
 
 
@@ -84,8 +87,8 @@ def _bytes(path: Path) -> int:
         content = json.loads(path.read_text(encoding="utf-8"))
         listed = [*content.get("buffers", ()), *content.get("images", ())]
         names = {entry["uri"] for entry in listed if not entry.get("uri", "data:").startswith("data:")}
-    files = [path, *(named for name in names if os.path.isfile(named := path.parent / unquote(name)))]
-    return sum(file.stat().st_size for file in files)
+    files = [path, *(path.parent / unquote(name) for name in names)]
+    return sum(file.stat().st_size for file in files if os.path.isfile(file))
 
 
 @contextmanager

@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solari_vk.gpu.device.device import Device
+from solari_vk.lab.measure.compared_settings import milliseconds
 from solari_vk.lab.measure.denoised import SEED, Case, Look, Picture, measure, path_traced
-from solari_vk.lab.measure.judged_settings import milliseconds
+from solari_vk.lab.measure.figures import interval
 from solari_vk.lab.measure.report import measuring
-from solari_vk.lab.measure.statistics import interval
 from solari_vk.output.compare import true_relative_mse
 from solari_vk.renderers.path_tracer import PathTracer
 from solari_vk.scene import shapes
@@ -58,7 +58,12 @@ def run(
     ]
     frames: tuple[int, ...] = FRAMES
     if quick:
-        skies, frames, size, samples, converged, seeds = skies[:1], (2,), (16, 16), 4, 16, 2
+        skies = skies[:1]
+        frames = (2,)
+        size = (16, 16)
+        samples = 4
+        converged = 16
+        seeds = 2
     with measuring(select, rays, markdown, "Portals", INTRO) as (device, report):
         rows = []
         for name, sky in skies:

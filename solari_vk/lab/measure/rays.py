@@ -9,9 +9,9 @@ from solari_vk.base.errors import SolariError
 from solari_vk.bound.spatial_order import spatial_order
 from solari_vk.gpu.device.device import Device
 from solari_vk.lab.measure.bare_rays import plain_tracer
+from solari_vk.lab.measure.figures import Work, best_seconds, device_seconds
 from solari_vk.lab.measure.report import Report
-from solari_vk.lab.measure.subjects import height_field
-from solari_vk.lab.measure.timing import Work, best_seconds, device_seconds
+from solari_vk.lab.measure.scenes import height_field
 from solari_vk.renderers.ray_tracer import BATCH, RayTracer
 from solari_vk.scene.builtin import builtin
 from solari_vk.scene.shapes import sphere
@@ -69,7 +69,9 @@ def _tlas(device: Device, report: Report, seconds: float, count: int) -> float:
 def _trace(device: Device, report: Report, seconds: float, name: str) -> None:
     """The same rays in turns by a shader that only traces, by `RayTracer`'s kernel over its filled buffers, and by
     `RayTracer.trace` from arrays to arrays."""
-    scene, rng, count = builtin(name), np.random.default_rng(1), 8 * BATCH
+    scene = builtin(name)
+    rng = np.random.default_rng(1)
+    count = 8 * BATCH
     low, high = scene.bounds
     origins = np.tile(rng.uniform(low, high, (2 * BATCH, 3)).astype(np.float32), (4, 1))
     directions = np.tile(rng.normal(size=(2 * BATCH, 3)).astype(np.float32), (4, 1))

@@ -17,9 +17,9 @@ from solari_vk.gpu.device.device import Device
 from solari_vk.lab.measure import rays as rays_from_python
 from solari_vk.lab.measure.bare_rays import BOUNCES, BarePaths
 from solari_vk.lab.measure.character import character
+from solari_vk.lab.measure.figures import best_seconds, device_seconds, seconds
 from solari_vk.lab.measure.report import Report, measuring
-from solari_vk.lab.measure.subjects import hilly
-from solari_vk.lab.measure.timing import best_seconds, device_seconds, seconds
+from solari_vk.lab.measure.scenes import hilly
 from solari_vk.renderers.path_tracer import PathTracer
 from solari_vk.scene.builtin import builtin
 from solari_vk.scene.files.gltf import load_gltf
@@ -123,7 +123,8 @@ def _crowd(device: Device, report: Report) -> None:
         one = character(1000)
         scene.add(next(instance for instance in one if instance.posed))
         clips.append(one.animations[0])
-    binder, spent = SceneBinder(device, scene), []
+    binder = SceneBinder(device, scene)
+    spent = []
 
     def pose(at: float) -> None:
         for clip in clips:
@@ -141,11 +142,14 @@ def _crowd(device: Device, report: Report) -> None:
 
 def _light_tree(device: Device, report: Report) -> None:
     """The host's time for a tree over lights that are anywhere, with any powers, and for one light that moves."""
-    binder, rng, spent = SceneBinder(device, Scene()), np.random.default_rng(1), []
+    binder = SceneBinder(device, Scene())
+    rng = np.random.default_rng(1)
+    spent = []
     record = binder.lights.leaves.tree.records.dtype
     for count in (10_000, 100_000):
         bounds = rng.normal(scale=10, size=(count, 1, 3)) + rng.random((count, 1, 3)) * [[[-1.0], [1.0]]]
-        ids, powers = np.arange(count, dtype=np.uint32), rng.random(count) ** 8
+        ids = np.arange(count, dtype=np.uint32)
+        powers = rng.random(count) ** 8  # a few bright lights among many dim ones
         spent.append(best_seconds(device, partial(light_tree, bounds, powers, record), SECONDS))
         report.figure(f"tree of {count:,} lights", spent[-1] * 1e3, "ms")
     binder.destroy()

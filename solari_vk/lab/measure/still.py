@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from solari_vk.gpu.device.device import Device
 from solari_vk.lab.measure.report import measuring
-from solari_vk.lab.measure.subjects import from_file
+from solari_vk.lab.measure.scenes import from_file
 from solari_vk.output import oidn
 from solari_vk.output.compare import true_relative_mse
 from solari_vk.renderers.accumulator import FrameAccumulator
@@ -41,7 +41,9 @@ class PathTraced:
     def __init__(
         self, device: Device, scene: Scene, size: tuple[int, int], camera: Camera, seed: int, *, denoise: bool
     ) -> None:
-        self.renderer, self._camera, self._denoise = PathTracer(device, scene, size, seed=seed), camera, denoise
+        self.renderer = PathTracer(device, scene, size, seed=seed)
+        self._camera = camera
+        self._denoise = denoise
 
     def begin(self) -> None:
         self.renderer.reset()
@@ -60,19 +62,23 @@ class Realtime:
     def __init__(
         self, device: Device, scene: Scene, size: tuple[int, int], camera: Camera, seed: int, *, mean: bool
     ) -> None:
-        self.renderer, self._camera, self._mean = Renderer(device, scene, size, seed=seed), camera, mean
+        self.renderer = Renderer(device, scene, size, seed=seed)
+        self._camera = camera
+        self._mean = mean
         self.begin()
 
     def begin(self) -> None:
         self.renderer.reset()
-        self._means, self._frames = FrameAccumulator(self.renderer), 0
+        self._means = FrameAccumulator(self.renderer)
+        self._frames = 0
 
     def refine(self, count: int) -> None:
         """Render until there are `count` frames, after the warm-up if there is one, and wait for them."""
-        while self._frames < count + WARM_UP * self._mean:
+        warm_up = WARM_UP if self._mean else 0
+        while self._frames < count + warm_up:
             self.renderer.render(self._camera)
             self._frames += 1
-            if self._mean and self._frames > WARM_UP:
+            if self._mean and self._frames > warm_up:
                 self._means.add()
         self.renderer["radiance"]
 
@@ -81,7 +87,7 @@ class Realtime:
 
 
 OIDN = "path tracer, OIDN"
-WAYS: dict[str, Callable[..., PathTraced | Realtime]] = {
+METHODS: dict[str, Callable[..., PathTraced | Realtime]] = {
     OIDN: partial(PathTraced, denoise=True),
     "path tracer": partial(PathTraced, denoise=False),
     "realtime, mean of frames": partial(Realtime, mean=True),
@@ -103,7 +109,7 @@ def run(
 ) -> None:
     """Measure and report. error: the relMSE that is enough. limit: the most samples or frames of a picture. samples: of
     each of the two pictures that judge. Other arguments are those of `measuring`."""
-    head = ("scene", *(cell for way in WAYS for cell in (way, "first")))
+    head = ("scene", *(cell for method in METHODS for cell in (method, "first")))
     with measuring(select, rays, markdown, "Still pictures", *INTRO) as (device, report):
         rows = []
         for scene in (*map(builtin, scenes or SCENES), *map(from_file, files)):
@@ -117,27 +123,37 @@ def _measured(
 ) -> Iterator[str]:
     """The cells of a scene."""
     camera = scene.camera_for(size[0] / size[1])
-    truths, first = list[NDArray[np.float32]](), dict[str, float]()
-    reached: dict[str, list[tuple[float, int] | None]] = {way: [] for way in WAYS if oidn.is_installed() or way != OIDN}
+    methods = [method for method in METHODS if oidn.is_installed() or method != OIDN]
+    truths: list[NDArray[np.float32]] = []
+    first: dict[str, float] = {}
+    reached: dict[str, list[tuple[float, int] | None]] = {method: [] for method in methods}
     for seed in range(RUNS):
-        for way, results in reached.items():
+        for method, results in reached.items():
             if None in results:
                 continue  # `limit` was too few for it
-            begun = time.perf_counter()
-            pictures = WAYS[way](device, scene, size, camera, seed)
+            started = time.perf_counter()
+            pictures = METHODS[method](device, scene, size, camera, seed)
             with pictures.renderer:
                 pictures.refine(1)
-                first.setdefault(way, time.perf_counter() - begun)
+                first.setdefault(method, time.perf_counter() - started)
                 truths = truths or _truths(device, scene, size, camera, samples)
                 pictures.picture()  # loads OIDN
                 pictures.begin()
                 results.append(_reach(pictures, truths, error, limit))
-    for way in WAYS:
-        results = reached.get(way, [])
-        met = [result for result in results if result is not None]
-        seconds, count = np.median(met, axis=0) if met else (0.0, limit)
-        text = "" if not results else f"more than {limit}" if None in results else f"{seconds:.2f} ({count:.0f})"
-        yield from (text, f"{first[way]:.1f}" if results else "")
+    for method in METHODS:
+        if method in reached:
+            yield from (_text(reached[method], limit), f"{first[method]:.1f}")
+        else:
+            yield from ("", "")
+
+
+def _text(results: Sequence[tuple[float, int] | None], limit: int) -> str:
+    """The cell of a method's runs: seconds, and samples or frames."""
+    met = [result for result in results if result is not None]
+    if len(met) < len(results):
+        return f"more than {limit}"
+    seconds, count = np.median(met, axis=0)
+    return f"{seconds:.2f} ({count:.0f})"
 
 
 def _truths(
@@ -155,7 +171,8 @@ def _reach(
     pictures: PathTraced | Realtime, truths: Sequence[NDArray[np.float32]], error: float, limit: int
 ) -> tuple[float, int] | None:
     """Seconds and samples until the error is reached; None if it takes more than `limit` samples."""
-    seconds, count = 0.0, 1
+    seconds = 0.0
+    count = 1
     while count <= limit:
         begun = time.perf_counter()
         pictures.refine(count)

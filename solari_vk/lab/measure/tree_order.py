@@ -20,12 +20,14 @@ from solari_vk.gpu.acceleration.blas import Blas
 from solari_vk.gpu.device.device import Device
 from solari_vk.lab.measure.bare_rays import BarePaths
 from solari_vk.lab.measure.report import measuring
-from solari_vk.lab.measure.subjects import from_file
+from solari_vk.lab.measure.scenes import from_file
 from solari_vk.scene.builtin import builtin
 from solari_vk.scene.model import Camera, Instance, Mesh, Scene
 
 SCENES = ("cornell_box", "many_lights", "sphere_grid", "mirror_hall")
-ROUNDS, SAMPLES, SIZE = 3, 2, (96, 96)
+ROUNDS = 3
+SAMPLES = 2
+SIZE = (96, 96)
 INTRO = (
     "Millions of rays for each second of all processors' time, of paths without shading (`glsl/passes/bare_rays`), and "
     "in brackets over those of the last column, what the renderers do. Ways take turns, each figure is the median of "
@@ -56,7 +58,8 @@ Order = Callable[..., NDArray[np.int64]]
 def _by_centers(low: NDArray[Any], high: NDArray[Any] | None = None, larger: int = 1) -> NDArray[np.int64]:
     """larger: 1 if the first half is the larger one, else 0."""
     centers = low if high is None else (low + high) / 2
-    order, runs = np.arange(len(centers)), [(0, len(centers))]
+    order = np.arange(len(centers))
+    runs = [(0, len(centers))]
     while runs:
         first, end = runs.pop()
         if end - first > 2:
@@ -85,7 +88,9 @@ def _handed(order: Order = spatial_order, **options: Any) -> Iterator[None]:
 
 def one_mesh(scene: Scene) -> Scene:
     """The surfaces of a scene as one instance."""
-    positions, triangles, count = [], [], 0
+    positions = []
+    triangles = []
+    count = 0
     for instance in scene.instances:
         mesh = instance.ray_mesh or instance.mesh
         moved = mesh.positions @ instance.transform[:3, :3].T + instance.transform[:3, 3]
@@ -99,7 +104,7 @@ def one_mesh(scene: Scene) -> Scene:
     return made
 
 
-WAYS: dict[str, Callable[[], Any]] = {
+ORDERS: dict[str, Callable[[], Any]] = {
     "as given": lambda: _handed(_as_given),
     "by centers": lambda: _handed(_by_centers),
     "smaller half first": lambda: _handed(partial(_by_centers, larger=0)),
@@ -120,36 +125,38 @@ def run(
 ) -> None:
     """Measure and report. files: to load beside built-in scenes, these or SCENES."""
     with measuring(select, rays, markdown, "Rays by what the driver's builder is given", *INTRO) as (device, report):
-        subjects = [(name, builtin(name)) for name in scenes or SCENES]
-        subjects += [(path.stem, from_file(path)) for path in files]
+        measured = [(name, builtin(name)) for name in scenes or SCENES]
+        measured += [(path.stem, from_file(path)) for path in files]
         rows = []
-        for name, scene in subjects:
+        for name, scene in measured:
             report.progress(name)
             found = measure(device, scene)
             ours = found["renderers"]
-            cells = [
-                f"{rate:.2f}" + ("" if way == "renderers" else f" ({rate / ours:.2f})") for way, rate in found.items()
-            ]
-            rows.append([name, *cells])
+            compared = [f"{rate:.2f} ({rate / ours:.2f})" for order, rate in found.items() if order != "renderers"]
+            rows.append([name, *compared, f"{ours:.2f}"])
         report.table(f"Scenes, {SIZE[0]}x{SIZE[1]}", HEAD, rows, *TRIED)
 
 
 def measure(device: Device, scene: Scene) -> dict[str, float]:
-    """For each way of WAYS, million rays for each second of processor time."""
+    """For each of ORDERS, million rays for each second of processor time."""
     camera: Camera = scene.camera_for(SIZE[0] / SIZE[1], None)
     with ExitStack() as owned:
         paths = {}
-        for way, handed in WAYS.items():
+        for order, handed in ORDERS.items():
             with handed():
-                binder = SceneBinder(device, one_mesh(scene) if way == "one mesh" else scene)
+                binder = SceneBinder(device, one_mesh(scene) if order == "one mesh" else scene)
                 owned.callback(binder.destroy)
-                paths[way] = owned.enter_context(BarePaths(device, binder, camera, SIZE))
-                paths[way].run(0)
-        rates: dict[str, list[float]] = {way: [] for way in WAYS}
+                paths[order] = owned.enter_context(BarePaths(device, binder, camera, SIZE))
+                paths[order].run(0)
+        rates: dict[str, list[float]] = {order: [] for order in ORDERS}
         for number in range(ROUNDS):
-            for way, path in paths.items():
-                before, count = time.process_time(), 0
-                for sample in range(SAMPLES):
-                    count += path.run(1 + number * SAMPLES + sample)[1]
-                rates[way].append(count / (time.process_time() - before) / 1e6)
-    return {way: float(np.median(found)) for way, found in rates.items()}
+            for order, path in paths.items():
+                rates[order].append(_rate(path, range(1 + number * SAMPLES, 1 + (number + 1) * SAMPLES)))
+    return {order: float(np.median(found)) for order, found in rates.items()}
+
+
+def _rate(paths: BarePaths, samples: range) -> float:
+    """Million rays for each second of processor time."""
+    before = time.process_time()
+    count = sum(paths.run(sample)[1] for sample in samples)
+    return count / (time.process_time() - before) / 1e6

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from contextlib import ExitStack
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -13,9 +14,9 @@ from solari_vk.base.errors import SolariError
 from solari_vk.base.files import make_folder
 from solari_vk.gpu.device.device import Device
 from solari_vk.lab.measure.denoised import MOTION, SCENES, SEED, Case, Picture, cases, measure, path_traced
-from solari_vk.lab.measure.report import measuring
-from solari_vk.lab.measure.statistics import interval
-from solari_vk.lab.measure.subjects import from_file
+from solari_vk.lab.measure.figures import interval
+from solari_vk.lab.measure.report import Report, measuring
+from solari_vk.lab.measure.scenes import from_file
 from solari_vk.output.compare import true_relative_mse
 from solari_vk.renderers.renderer import Renderer
 from solari_vk.scene.builtin import builtin
@@ -61,31 +62,54 @@ def run(
     """
     if not change:
         raise SolariError("bench settings: name the settings to judge, such as --change restir=on")
-    unchanged, *changed = (_settings(base, text) for text in ("", *change))
-    looks: tuple[int, ...] = LOOKS
+    compared = [_settings(base, text) for text in ("", *change)]
+    plan = _Plan(size, timed_size, seeds, samples, LOOKS, 1 if still else 3)
     if quick:
-        size, timed_size, seeds, samples, looks = (16, 16), (16, 16), 2, 16, (2,)
+        plan = _Plan((16, 16), (16, 16), 2, 16, (2,), 1)
     if references is not None:
         make_folder(references)
     scenes = [builtin(name) for name in scene or SCENES[: 1 if quick else None]] + [from_file(path) for path in files]
     with measuring(select, rays, markdown, "Settings, judged", INTRO) as (device, report):
         tables: list[list[list[str]]] = [[] for _ in change]
-        for subject in scenes:
-            spent, *times = milliseconds(device, subject, timed_size, (unchanged, *changed))
-            for case in list(cases(subject, size, max(looks)))[: 1 if quick or still else 3]:
-                report.progress(f"{subject.name}, {case.name}")
-                kept = references and references / f"{subject.name}, {case.name}, {size[0]}x{size[1]}.npz"
-                case = Case(case.name, case.place, looks if case.name == "still" else looks[-1:])
-                truths = path_traced(device, subject, case.place(max(case.looks) - 1), size, samples, kept)
-                before = _judge(device, subject, case, truths, unchanged, seeds)
-                for rows, settings, time in zip(tables, changed, times, strict=True):
-                    after = _judge(device, subject, case, truths, settings, seeds)
-                    for look, old, new in zip(case.looks, before, after, strict=True):
-                        rows.append([subject.name, case.name, str(look), *_cells(old, new, spent, time)])
+        for measured in scenes:
+            for rows, more in zip(tables, _rows(device, report, measured, compared, plan, references), strict=True):
+                rows += more
         for text, rows in zip(change, tables, strict=True):
             given = f", both with {base}" if base else ""
-            sizes = f"{size[0]}x{size[1]}, {seeds} runs, timed at {timed_size[0]}x{timed_size[1]}"
+            sizes = "{}x{}, {} runs, timed at {}x{}".format(*plan.size, plan.seeds, *plan.timed_size)
             report.table(f"{text}{given}, {sizes}", HEAD, rows)
+
+
+@dataclass(frozen=True)
+class _Plan:
+    """How much is measured: the arguments of `run`, the frames that are looked at, and the number of cases."""
+
+    size: tuple[int, int]
+    timed_size: tuple[int, int]
+    seeds: int
+    samples: int
+    looks: tuple[int, ...]
+    cases: int
+
+
+def _rows(
+    device: Device, report: Report, scene: Scene, compared: Sequence[Settings], plan: _Plan, references: Path | None
+) -> list[list[list[str]]]:
+    """The rows of a scene, for each of the compared settings but the first, which the others are held against."""
+    tables: list[list[list[str]]] = [[] for _ in compared[1:]]
+    time_before, *times = milliseconds(device, scene, plan.timed_size, compared)
+    for case in list(cases(scene, plan.size, max(plan.looks)))[: plan.cases]:
+        name = f"{scene.name}, {case.name}"
+        report.progress(name)
+        kept = references and references / f"{name}, {plan.size[0]}x{plan.size[1]}.npz"
+        # In motion only the last frame's camera has a reference.
+        case = replace(case, looks=plan.looks if case.name == "still" else plan.looks[-1:])
+        truths = path_traced(device, scene, case.place(max(case.looks) - 1), plan.size, plan.samples, kept)
+        before, *others = (_errors(device, scene, case, truths, settings, plan.seeds) for settings in compared)
+        for rows, after, time in zip(tables, others, times, strict=True):
+            for look, old, new in zip(case.looks, before, after, strict=True):
+                rows.append([scene.name, case.name, str(look), *_cells(old, new, time_before, time)])
+    return tables
 
 
 def _settings(*texts: str) -> Settings:
@@ -101,7 +125,8 @@ def milliseconds(
 ) -> list[float]:
     """Of all passes of a settled frame with each of the settings. Frames take turns, so that other work of the machine
     slows all settings."""
-    camera, spent = scene.camera_for(size[0] / size[1]), []
+    camera = scene.camera_for(size[0] / size[1])
+    spent = []
     with ExitStack() as stack:
         renderers = [stack.enter_context(Renderer(device, scene, size, one, seed=SEED)) for one in every]
         for _ in range(warm_up + frames):
@@ -111,7 +136,7 @@ def milliseconds(
     return [float(time) for time in np.median(np.reshape(spent, (-1, len(every)))[warm_up:], axis=0)]
 
 
-def _judge(device: Device, scene: Scene, case: Case, truths: Picture, settings: Settings, seeds: int) -> Errors:
+def _errors(device: Device, scene: Scene, case: Case, truths: Picture, settings: Settings, seeds: int) -> Errors:
     """Errors (looks, raw and denoised, seeds)."""
     size = truths.shape[2], truths.shape[1]
     errors = [

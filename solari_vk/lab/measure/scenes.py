@@ -21,7 +21,7 @@ from solari_vk.scene.presenting.studio_lights import studio_lights
 BUILTIN = ("cornell_box", "many_lights")
 
 
-def subjects(files: Sequence[Path]) -> list[Scene]:
+def measured_scenes(files: Sequence[Path]) -> list[Scene]:
     """The built-in scenes of BUILTIN, and those in files."""
     return [*map(builtin, BUILTIN), *map(from_file, files)]
 
@@ -99,7 +99,8 @@ def scattered(count: int) -> Scene:
     transforms = np.tile(np.eye(4) * (0.4 / side), (count, 1, 1))
     transforms[:, 3, 3] = 1
     index = np.arange(count)
-    transforms[:, 0, 3], transforms[:, 2, 3] = 2 * (index % side) / side - 1, 2 * (index // side) / side - 1
+    transforms[:, 0, 3] = 2 * (index % side) / side - 1
+    transforms[:, 2, 3] = 2 * (index // side) / side - 1
     scene = hilly(2)
     material = matte(0.6, "tetrahedron")
     for transform in transforms:

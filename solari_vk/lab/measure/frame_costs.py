@@ -1,4 +1,4 @@
-"""The costs of a frame besides its passes: memory, Python's time, and the growth of a frame's time."""
+"""The costs of a frame besides its passes: start, memory, Python's time, growth, and characters that move."""
 
 from __future__ import annotations
 
@@ -6,16 +6,18 @@ import os
 import subprocess
 import sys
 import tempfile
+import time
+from collections import defaultdict
 from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 
 from solari_vk.base.errors import SolariError
+from solari_vk.bound.poses.pose_commands import TIMED
 from solari_vk.gpu.device.device import Device
-from solari_vk.lab.measure.frame.passes import frame_times
-from solari_vk.lab.measure.frame.plan import Plan, Size
-from solari_vk.lab.measure.timing import seconds
+from solari_vk.lab.measure.figures import device_seconds, seconds
+from solari_vk.lab.measure.frame_passes import Plan, Size, frame_times
 from solari_vk.renderers.renderer import Renderer
 from solari_vk.scene.builtin import builtin
 from solari_vk.scene.model import Scene
@@ -78,13 +80,15 @@ def start_seconds(device: Device, *, cold: bool = True) -> dict[str, tuple[float
 
 def memory(device: Device, small: tuple[int, int], large: tuple[int, int]) -> dict[str, tuple[float, ...]]:
     """(bytes a pixel, fixed bytes) of the resources of each stage, from the bytes for two picture sizes."""
-    scene, sizes = builtin("cornell_box"), []
+    scene = builtin("cornell_box")
+    sizes = []
     with Renderer(device, scene, small, Settings()) as renderer:
         for size in (small, large):
             renderer.resize(size)
             renderer.render(scene.camera)
             device.wait_idle()
             sizes.append(renderer.memory)
+        # Reversed, so that the first stage that writes a resource stays.
         stage_of = {name: row.name.partition("/")[0] for row in reversed(renderer.describe()) for name in row.writes}
     pixels = [size[0] * size[1] for size in (small, large)]
     found: dict[str, tuple[float, ...]] = {}
@@ -129,3 +133,45 @@ def host_times(device: Device, frames: int) -> dict[str, float]:
                 device.wait_idle()
             found[name] = float(np.median(spent[5:]))
     return found
+
+
+# ---- characters -------------------------------------------------------------------------------------
+
+CHARACTER_HEAD = [
+    "scene",
+    "vertices",
+    "host: pose",
+    "vertices on the device",
+    "refit",
+    "frame in motion",
+    "frame at rest",
+]
+CHARACTER_NOTE = (
+    "Milliseconds, medians. The host samples the animation and assigns the poses; the device computes positions, "
+    "normals and tangents and refits or builds the bottom-level structures. The frame, from call to done, includes "
+    "both works of the device, the host's records of them and the top-level structure."
+)
+
+
+def measure_character(device: Device, scene: Scene, plan: Plan) -> list[str]:
+    """A row of the table: a scene whose first animation plays at 60 frames a second."""
+    spent: dict[str, list[float]] = defaultdict(list)
+    camera = scene.camera
+    with Renderer(device, scene, plan.growth_size, Settings()) as renderer:
+        stopwatch = renderer.binder.time_poses()
+        at_rest = frame_times(renderer, camera, plan.warm_up_frames, plan.frames, plan.seconds)["frame"]
+        for frame in range(plan.warm_up_frames + plan.frames):
+            started = time.perf_counter()
+            scene.animate(frame / 60)
+            pose = 1e3 * (time.perf_counter() - started)
+            whole = 1e3 * device_seconds(device, lambda: renderer.render(camera))
+            on_device = stopwatch.read()
+            if frame < plan.warm_up_frames:
+                continue
+            for name, value in {"pose": pose, "frame": whole, **on_device}.items():
+                spent[name].append(value)
+    vertices = sum(len(instance.mesh.positions) for instance in scene if instance.posed)
+    # A part that the scene has no need of has no times.
+    parts = [spent[name] or [float("nan")] for name in ("pose", *TIMED, "frame")]
+    medians = [float(np.median(values)) for values in parts]
+    return [scene.name, f"{vertices:,}", *(f"{value:.2f}" for value in (*medians, at_rest))]

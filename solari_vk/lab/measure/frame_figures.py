@@ -10,12 +10,12 @@ from solari_vk.base.errors import SolariError
 from solari_vk.base.files import make_folder
 from solari_vk.bound.binder import SceneBinder
 from solari_vk.gpu.device.device import Device
+from solari_vk.lab.measure import frame_costs, frame_passes
 from solari_vk.lab.measure.character import character
-from solari_vk.lab.measure.frame import animated, costs, passes
-from solari_vk.lab.measure.frame.plan import Plan, Size, plan_for
+from solari_vk.lab.measure.figures import every_barrier, warm
+from solari_vk.lab.measure.frame_passes import Plan, Size, plan_for
 from solari_vk.lab.measure.report import Report, measuring, milliseconds
-from solari_vk.lab.measure.subjects import glowing, hilly, scattered, subjects
-from solari_vk.lab.measure.timing import every_barrier, warm
+from solari_vk.lab.measure.scenes import glowing, hilly, measured_scenes, scattered
 from solari_vk.passes import gbuffer
 from solari_vk.renderers.renderer import Renderer
 from solari_vk.scene.builtin import builtin
@@ -51,7 +51,7 @@ def run(
     """
     if pictures is not None:
         make_folder(pictures)
-    chosen = subjects(files)
+    chosen = measured_scenes(files)
     with measuring(select, rays, markdown, "The realtime frame in figures", *INTRO) as (device, report):
         plan = plan_for(device, quick=quick)
         for size in plan.sizes:
@@ -71,32 +71,32 @@ def _rows(found: Sequence[Mapping[str, float]], text: Callable[[float], str]) ->
 
 def _passes(device: Device, report: Report, chosen: list[Scene], size: Size, plan: Plan, pictures: Path | None) -> None:
     """Time and rays of each pass, and the frame against bare rays."""
-    named, head = f"{size[0]}x{size[1]}", [scene.name for scene in chosen]
-    times, frames, rays = (list[dict[str, float]]() for _ in range(3))
-    ratios = list[tuple[float, float]]()
+    named = f"{size[0]}x{size[1]}"
+    head = [scene.name for scene in chosen]
+    times: list[dict[str, float]] = []
+    frames: list[dict[str, float]] = []
+    rays: list[dict[str, float]] = []
+    ratios: list[tuple[float, float]] = []
     for scene in chosen:
         report.progress(f"{scene.name} {named}: passes, rays")
         binder = SceneBinder(device, scene)
-        found = passes.count_rays(device, binder, scene.camera, size, plan.warm_up_frames, 2)
-        whole = sum(found.values())
-        rays.append({**found, "all": whole})
+        counts = frame_passes.count_rays(device, binder, scene.camera, size, plan.warm_up_frames, 2)
+        all_rays = sum(counts.values())
+        rays.append({**counts, "all": all_rays})
         with every_barrier():
-            apart = Renderer(device, binder, size, Settings())
-        with apart:
-            spent = passes.frame_times(apart, scene.camera, plan.warm_up_frames, plan.frames, plan.seconds)
+            renderer = Renderer(device, binder, size, Settings())
+        with renderer:
+            spent = frame_passes.frame_times(renderer, scene.camera, plan.warm_up_frames, plan.frames, plan.seconds)
         frame = spent.pop("frame")
         times.append(spent)
         frames.append({"all passes": sum(spent.values()), "frame, from call to done": frame})
-        for way in GBUFFERS:
-            with Renderer(device, binder, size, Settings(gbuffer=way)) as renderer:
-                warm(device, lambda: renderer.render(scene.camera), plan.warm_up_frames, plan.seconds)  # noqa: B023
-                streamed = passes.streamed_time(renderer, scene.camera, plan.frames)
-                frames[-1][f"frame in a stream, {way} G-buffer"] = streamed
-                if way == gbuffer.way_on(device.properties.kind):
-                    count = whole * size[0] * size[1]
-                    ratios.append(passes.against_bare_rays(renderer, scene.camera, count, plan.frames))
-                    if pictures is not None and size == plan.sizes[0]:
-                        renderer.render(scene.camera).save(pictures / f"{scene.name}.png")
+        picture = pictures / f"{scene.name}.png" if pictures is not None and size == plan.sizes[0] else None
+        for gbuffer_choice in GBUFFERS:
+            with Renderer(device, binder, size, Settings(gbuffer=gbuffer_choice)) as renderer:
+                streamed, ratio = _in_a_stream(renderer, scene, plan, all_rays * size[0] * size[1], picture)
+            frames[-1][f"frame in a stream, {gbuffer_choice} G-buffer"] = streamed
+            if ratio is not None:
+                ratios.append(ratio)
         binder.destroy()
     report.table(
         f"Passes at {named}, milliseconds",
@@ -118,12 +118,28 @@ def _passes(device: Device, report: Report, chosen: list[Scene], size: Size, pla
     report.table(f"Against bare rays at {named}", ["", *head], table, BARE_NOTE)
 
 
+def _in_a_stream(
+    renderer: Renderer, scene: Scene, plan: Plan, rays: float, picture: Path | None
+) -> tuple[float, tuple[float, float] | None]:
+    """Milliseconds of a frame in a stream; and with the G-buffer that this device takes by default, the frame against
+    bare rays, and its picture."""
+    device = renderer.device
+    warm(device, lambda: renderer.render(scene.camera), plan.warm_up_frames, plan.seconds)
+    streamed = frame_passes.streamed_time(renderer, scene.camera, plan.frames)
+    if renderer.settings.gbuffer != gbuffer.way_on(device.properties.kind):
+        return streamed, None
+    ratio = frame_passes.against_bare_rays(renderer, scene.camera, rays, plan.frames)
+    if picture is not None:
+        renderer.render(scene.camera).save(picture)
+    return streamed, ratio
+
+
 def _start(device: Device, report: Report, plan: Plan) -> None:
     """The time to make a renderer and its first frame, with and without compiled pipelines."""
     report.progress("start")
     rows = [
         [name, *(f"{value:.2f}" for value in spent)]
-        for name, spent in costs.start_seconds(device, cold=plan.cold_start).items()
+        for name, spent in frame_costs.start_seconds(device, cold=plan.cold_start).items()
     ]
     report.table(
         "Start, cornell_box 256x256",
@@ -136,7 +152,7 @@ def _start(device: Device, report: Report, plan: Plan) -> None:
 
 def _host(device: Device, report: Report, frames: int) -> None:
     report.progress("host time")
-    found = costs.host_times(device, frames)
+    found = frame_costs.host_times(device, frames)
     rows = [[name, f"{spent:.3f}", "yes" if spent < HOST_AIM else "no"] for name, spent in found.items()]
     report.table(
         "Python's time for a frame",
@@ -150,7 +166,8 @@ def _host(device: Device, report: Report, frames: int) -> None:
 def _growth(device: Device, report: Report, plan: Plan) -> None:
     """The time of a frame against pixels, triangles, instances and lights."""
     size = plan.growth_size
-    named, triangles = f"{size[0]}x{size[1]}", plan.lights[-1]
+    named = f"{size[0]}x{size[1]}"
+    triangles = plan.lights[-1]
     box = builtin("cornell_box")
     tables: tuple[tuple[str, str, str, Sequence[int], Callable[[int], tuple[Scene, Size]]], ...] = (
         (
@@ -184,11 +201,12 @@ def _growth(device: Device, report: Report, plan: Plan) -> None:
         ),
     )
     for title, what, note, cases, make in tables:
-        rows, first = [], math.nan
+        rows = []
+        first = math.nan
         for count in cases:
             report.progress(f"growth: {count:,} {what}")
             try:
-                spent = costs.frame_time(device, *make(count), plan)
+                spent = frame_costs.frame_time(device, *make(count), plan)
             except SolariError as error:  # too large for the device
                 rows.append([f"{count:,}", str(error).partition("\n")[0], "", ""])
                 continue
@@ -201,14 +219,16 @@ def _animated(device: Device, report: Report, chosen: list[Scene], plan: Plan) -
     rows = []
     for scene in (character(), *(scene for scene in chosen if scene.animations)):
         report.progress(f"{scene.name}: animated")
-        rows.append(animated.measure(device, scene, plan))
+        rows.append(frame_costs.measure_character(device, scene, plan))
     width, height = plan.growth_size
-    report.table(f"An animated character, {width}x{height}", animated.HEAD, rows, animated.NOTE)
+    report.table(
+        f"An animated character, {width}x{height}", frame_costs.CHARACTER_HEAD, rows, frame_costs.CHARACTER_NOTE
+    )
 
 
 def _memory(device: Device, report: Report) -> None:
     report.progress("memory")
-    stages = costs.memory(device, (64, 64), (128, 128))
+    stages = frame_costs.memory(device, (64, 64), (128, 128))
     slopes, fixed_bytes = map(sum, zip(*stages.values(), strict=True))
     rows = [[name, f"{slope:.1f}", f"{fixed / 1e6:.2f}"] for name, (slope, fixed) in sorted(stages.items())]
     rows.append(["all", *(f"{value:.2f}" for value in (slopes, fixed_bytes / 1e6))])

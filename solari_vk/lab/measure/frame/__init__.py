@@ -1,1 +1,0 @@
-"""Figures of the realtime frame: `solari-vk bench frame`."""
