@@ -165,17 +165,29 @@ def test_commands_parse():
     names = {"FILES": "a.glb", "FOLDER": "folder", "PAGE": "a.md", "FILE": "a.md"}  # what stands for the reader's own
     for line in COMMANDS:
         words = [names.get(word, word) for word in shlex.split(line)[1:]]
-        parser, rest = cli._parser(), list(words)
-        while rest and rest[0] in parts_of(parser):
-            parser = parts_of(parser)[rest.pop(0)]
+        rest = words_after_commands(words)
         if words[0] in ("render", "view") and rest and rest[0].startswith("--"):
-            words = [words[0], "model.glb", *rest, *(["-o", "a.png"] if words[0] == "render" else [])]
+            words = [words[0], "model.glb", *rest]
+            if words[0] == "render":
+                words += ["-o", "a.png"]
         if rest and "COMMAND" not in rest:
-            try:
-                parsed = cli._parser().parse_args(["picture" if word == "name" else word for word in words])
-            except SystemExit:
-                pytest.fail(line)
+            parsed = parsed_or_failed(words, line)
             assert GROUPS.keys() >= set(getattr(parsed, "only", ())) or words[0] != "conformance", line
+
+
+def words_after_commands(words):
+    """The words of a command line without the names of the command and of commands below it."""
+    parser, rest = cli._parser(), list(words)
+    while rest and rest[0] in parts_of(parser):
+        parser = parts_of(parser)[rest.pop(0)]
+    return rest
+
+
+def parsed_or_failed(words, line):
+    try:
+        return cli._parser().parse_args(["picture" if word == "name" else word for word in words])
+    except SystemExit:
+        pytest.fail(line)
 
 
 def test_options_are_there(capsys):
@@ -325,16 +337,22 @@ def test_fields_of_materials_are_there():
 
 def test_the_specifications_rows_name_what_is_there():
     """Counts by state are those of the rows; files and tests exist."""
-    lines = (DOCS / "explained/seeds.md").read_text(encoding="utf-8").splitlines()
-    table = [[cell.strip() for cell in line.strip("|").split("|")] for line in lines if line.startswith("| ")]
+    text = (DOCS / "explained/seeds.md").read_text(encoding="utf-8")
+    table = cells_of_tables(text)
     rows = [row for row in table if len(row) != 3 and row[0] != "the text says" and set(row[0]) != {"-"}]
     assert {len(row) for row in rows} == {4}
     counted = Counter(row[1].split(":")[0] for row in rows)
     assert Counter({row[0]: int(row[1]) for row in table if len(row) == 3 and row[1].isdigit()}) == counted
-    assert f"{len(rows)} rows" in " ".join(lines)
+    assert f"{len(rows)} rows" in text.replace("\n", " ")
     tests = {path.stem for path in (ROOT / "tests").rglob("test_*.py")}
     for name in {name for row in rows for name in re.findall(r"`([a-z_0-9/.]+)`", row[2] + row[3])}:
         if name.startswith("test_"):
             assert name in tests, name
         elif "." in name or "/" in name:
             assert any((ROOT / folder / name).exists() for folder in ("", "glsl", "solari_vk")), name
+
+
+def cells_of_tables(text):
+    """The cells of each row of a page's tables."""
+    lines = [line.strip("|") for line in text.splitlines() if line.startswith("| ")]
+    return [[cell.strip() for cell in line.split("|")] for line in lines]

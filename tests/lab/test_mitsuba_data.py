@@ -119,18 +119,9 @@ def _kind(part):
 
 
 def _instance(mi, shape):
-    values = mi.traverse(shape)
-    if "vertex_positions" in values:
-        arrays = (np.array(values[name]).reshape(-1, 3) for name in ("vertex_positions", "faces", "vertex_normals"))
-        positions, triangles, normals = arrays
-        mesh = sv.Mesh(positions, triangles, normals=normals if len(normals) else None)
-    elif _kind(shape) == "Rectangle":
-        corners = np.array(((-1, -1, 0, 1), (1, -1, 0, 1), (1, 1, 0, 1), (-1, 1, 0, 1)), np.float64)
-        mesh = shapes.polygons((corners @ _matrix(values["to_world"]).T)[:, :3])
-    else:
-        raise NotShared(f"a {_kind(shape)}")
     surface, twosided = mi.traverse(shape.bsdf()), _kind(shape.bsdf()) == "TwoSided"
     colors = [value for name, value in surface.items() if name in ("reflectance.value", "brdf_0.reflectance.value")]
+    mesh = _mesh(mi, shape)
     if len(surface) != 1 or len(colors) != 1:
         raise NotShared(f"a BSDF with {', '.join(name for name, _ in surface.items()) or 'no numbers'}")
     emitter = shape.emitter()
@@ -138,6 +129,18 @@ def _instance(mi, shape):
     if emitted is None or (emitter is not None and twosided):
         raise NotShared("a lamp with a texture, or on a surface with two sides")
     return sv.Instance(mesh, sv.Material(base_color=_color(colors[0]), emissive=_color(emitted), double_sided=twosided))
+
+
+def _mesh(mi, shape):
+    values = mi.traverse(shape)
+    if "vertex_positions" in values:
+        arrays = (np.array(values[name]).reshape(-1, 3) for name in ("vertex_positions", "faces", "vertex_normals"))
+        positions, triangles, normals = arrays
+        return sv.Mesh(positions, triangles, normals=normals if len(normals) else None)
+    if _kind(shape) == "Rectangle":
+        corners = np.array(((-1, -1, 0, 1), (1, -1, 0, 1), (1, 1, 0, 1), (-1, 1, 0, 1)), np.float64)
+        return shapes.polygons((corners @ _matrix(values["to_world"]).T)[:, :3])
+    raise NotShared(f"a {_kind(shape)}")
 
 
 def _add_light(mi, scene, emitter):

@@ -70,23 +70,27 @@ def mutate_json(content: Any, generator: random.Random) -> bytes:
         found = places(content)
         if not found:
             break
-        container, key = generator.choice(found)
-        kind = generator.random()
-        if kind < 0.6:
-            container[key] = generator.choice(VALUES)(generator)
-        elif kind < 0.75:
-            del container[key]
-        elif kind < 0.9:
-            other, other_key = generator.choice(found)
-            container[key] = copy.deepcopy(other[other_key])
-        elif isinstance(container[key], list):
-            container[key] = container[key] * generator.choice([2, 100])
-        elif isinstance(container[key], (int, float)):
-            container[key] = container[key] + generator.choice([-1, 1])
+        change_structure(*generator.choice(found), found, generator)
     text = json.dumps(content)
     for token in ("NaN", "Infinity", "1e400", "-1e400"):
         text = text.replace(f'"{token}"', token)
     return text.encode()
+
+
+def change_structure(container: Any, key: Any, found: list[Any], generator: random.Random) -> None:
+    """Replace a value of a container, remove it, put another one's copy there, or repeat or count it."""
+    kind = generator.random()
+    if kind < 0.6:
+        container[key] = generator.choice(VALUES)(generator)
+    elif kind < 0.75:
+        del container[key]
+    elif kind < 0.9:
+        other, other_key = generator.choice(found)
+        container[key] = copy.deepcopy(other[other_key])
+    elif isinstance(container[key], list):
+        container[key] = container[key] * generator.choice([2, 100])
+    elif isinstance(container[key], (int, float)):
+        container[key] = container[key] + generator.choice([-1, 1])
 
 
 def mutate_bytes(data: bytes, generator: random.Random) -> bytes:

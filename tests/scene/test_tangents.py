@@ -41,51 +41,65 @@ def by_corner(space):
 
 def transcription(positions, normals, uvs, triangles):
     """Tangents (M, 3, 4) by MikkTSpace's rules, computed corner by corner. All triangles must have an area."""
-    corner_key = [[tuple(map(float, (*positions[i], *normals[i], *uvs[i]))) for i in t] for t in triangles]
-    frames = []
-    for t in triangles:
-        e1, e2 = positions[t[1:]].astype(float) - positions[t[0]]
-        (s1, t1), (s2, t2) = uvs[t[1:]].astype(float) - uvs[t[0]]
-        area = s1 * t2 - t1 * s2
-        along_u = (t2 * e1 - t1 * e2) * (1 if area > 0 else -1)
-        frames.append((along_u / np.linalg.norm(along_u), area > 0))
-    edges = {}
-    for number, keys in enumerate(corner_key):
-        for corner in range(3):
-            edges.setdefault((keys[corner], keys[(corner + 1) % 3]), []).append((number, corner))
-    group_of = {}
-    groups = []
-    for number in range(len(triangles)):
-        for corner in range(3):
-            if (number, corner) in group_of:
-                continue
-            groups.append([])
-            waiting = [(number, corner)]
-            while waiting:
-                where = waiting.pop()
-                if where in group_of or frames[where[0]][1] != frames[number][1]:
-                    continue
-                group_of[where] = len(groups) - 1
-                groups[-1].append(where)
-                keys = corner_key[where[0]]
-                for a, b in ((where[1], (where[1] + 1) % 3), ((where[1] + 2) % 3, where[1])):
-                    for other, edge in edges.get((keys[b], keys[a]), []):
-                        waiting.append((other, (edge + 1) % 3 if a == where[1] else edge))
+    frames = [triangle_frame(positions[t].astype(float), uvs[t].astype(float)) for t in triangles]
     result = np.zeros((len(triangles), 3, 4))
-    for members in groups:
+    for members in corner_groups(positions, normals, uvs, triangles, frames):
         total = np.zeros(3)
         for number, corner in members:
-            t = triangles[number]
-            n = normals[t[corner]].astype(float)
-            sides = [positions[t[(corner + k) % 3]].astype(float) - positions[t[corner]] for k in (1, 2)]
-            before, after = (v - n * (n @ v) for v in sides)
-            cosine = before @ after / (np.linalg.norm(before) * np.linalg.norm(after))
-            direction = frames[number][0] - n * (n @ frames[number][0])
-            total += math.acos(np.clip(cosine, -1, 1)) * direction / np.linalg.norm(direction)
+            total += corner_tangent(positions, normals, triangles[number], corner, frames[number][0])
         for number, corner in members:
             result[number, corner, :3] = total / np.linalg.norm(total)
             result[number, corner, 3] = -1 if frames[number][1] else 1  # glTF's sign, for v down
     return result
+
+
+def triangle_frame(corners, uvs):
+    """The unit direction in which u grows on a triangle, and whether its uvs run counterclockwise."""
+    e1, e2 = corners[1:] - corners[0]
+    (s1, t1), (s2, t2) = uvs[1:] - uvs[0]
+    area = s1 * t2 - t1 * s2
+    along_u = (t2 * e1 - t1 * e2) * (1 if area > 0 else -1)
+    return along_u / np.linalg.norm(along_u), area > 0
+
+
+def corner_groups(positions, normals, uvs, triangles, frames):
+    """Lists of (triangle, corner) that share a tangent: corners with the same position, normal and uv, of triangles
+    that meet at edges around them and whose uvs run the same way."""
+    corner_key = [[tuple(map(float, (*positions[i], *normals[i], *uvs[i]))) for i in t] for t in triangles]
+    edges = {}
+    for number, keys in enumerate(corner_key):
+        for corner in range(3):
+            edges.setdefault((keys[corner], keys[(corner + 1) % 3]), []).append((number, corner))
+
+    def neighbors(number, corner):
+        """The same corner in the triangles across its two edges, which run through them the other way."""
+        following, preceding = (corner + 1) % 3, (corner + 2) % 3
+        keys = corner_key[number]
+        for other, edge in edges.get((keys[following], keys[corner]), []):
+            yield other, (edge + 1) % 3
+        yield from edges.get((keys[corner], keys[preceding]), [])
+
+    grouped = set()
+    for start in ((number, corner) for number in range(len(triangles)) for corner in range(3)):
+        group, waiting = [], [start]
+        while waiting:
+            where = waiting.pop()
+            if where not in grouped and frames[where[0]][1] == frames[start[0]][1]:
+                grouped.add(where)
+                group.append(where)
+                waiting.extend(neighbors(*where))
+        if group:
+            yield group
+
+
+def corner_tangent(positions, normals, triangle, corner, along_u):
+    """A triangle's part in the tangent of a corner: `along_u` in the normal's plane, weighted by the corner's angle."""
+    n = normals[triangle[corner]].astype(float)
+    sides = [positions[triangle[(corner + k) % 3]].astype(float) - positions[triangle[corner]] for k in (1, 2)]
+    before, after = (v - n * (n @ v) for v in sides)
+    cosine = before @ after / (np.linalg.norm(before) * np.linalg.norm(after))
+    direction = along_u - n * (n @ along_u)
+    return math.acos(np.clip(cosine, -1, 1)) * direction / np.linalg.norm(direction)
 
 
 @pytest.mark.parametrize("seed", range(4))

@@ -337,14 +337,23 @@ def hdr_file(codes, runs=True, header=b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n"):
         return data + codes.tobytes()
     for row in codes:
         data += bytes((2, 2, width >> 8, width & 255))
-        for channel in row.T:
-            at = 0
-            while at < width:
-                same = 1
-                while at + same < width and same < 127 and channel[at + same] == channel[at]:
-                    same += 1
-                data += bytes((128 + same, channel[at])) if same > 2 else bytes((1, channel[at]))
-                at += same if same > 2 else 1
+        data += b"".join(run_lengths(channel) for channel in row.T)
+    return data
+
+
+def run_lengths(values):
+    """The codes of a row of one channel: a run of 3 to 127 equal values is 128 + its length and the value."""
+    data, at = b"", 0
+    while at < len(values):
+        same = 1
+        while at + same < len(values) and same < 127 and values[at + same] == values[at]:
+            same += 1
+        if same < 3:
+            data += bytes((1, values[at]))  # one value that stands for itself
+            at += 1
+        else:
+            data += bytes((128 + same, values[at]))
+            at += same
     return data
 
 

@@ -246,9 +246,7 @@ def check_instance(found, wanted):
     if not wanted.visible:
         return
     a, b = found.posed_mesh(), wanted.posed_mesh()
-    corners, others = (
-        one.triangles[(np.roll(one.triangles, 1, axis=1) != one.triangles).all(axis=1)] for one in (a, b)
-    )
+    corners, others = triangles_with_area(a), triangles_with_area(b)
     if np.linalg.det(found.transform) * np.linalg.det(wanted.transform) < 0:  # of a skin, which then is inside out
         others = others[:, ::-1]
     places = [transform_points(one.transform, mesh.positions) for one, mesh in ((found, a), (wanted, b))]
@@ -257,26 +255,42 @@ def check_instance(found, wanted):
         if getattr(b, name) is not None and not wanted.posed:
             near(getattr(a, name)[corners], getattr(b, name)[others], 1e-5)
     assert a.colors is b.colors is None or np.array_equal(a.colors[corners], b.colors[others])
-    for name in TEXTURES if not wanted.material.unlit else OF_UNLIT[1:2]:
+    for name in ("base_color_texture",) if wanted.material.unlit else TEXTURES:
         ours, theirs = getattr(found.material, name), getattr(wanted.material, name)
         if theirs is not None:
-            uvs, given = a.uvs_for(ours.uv_set)[corners], b.uvs_for(theirs.uv_set)
-            assert np.array_equal(uvs, np.zeros_like(uvs) if given is None else given[others]), name
+            uvs, expected = a.uvs_for(ours.uv_set)[corners], b.uvs_for(theirs.uv_set)
+            assert np.array_equal(uvs, np.zeros_like(uvs) if expected is None else expected[others]), name
+
+
+def triangles_with_area(mesh):
+    """The triangles (N, 3) of a mesh whose three vertices differ."""
+    repeats = (np.roll(mesh.triangles, 1, axis=1) == mesh.triangles).any(axis=1)
+    return mesh.triangles[~repeats]
 
 
 def check_material(found, wanted):
     for name in OF_UNLIT if wanted.unlit else wanted._names:
-        a, b = getattr(found, name), getattr(wanted, name)
-        texture = name.replace("_scale", "_texture")
-        if isinstance(b, Texture):
-            assert np.array_equal(a.image.pixels, b.image.pixels), name
-            near(a.uv_transform, b.uv_transform, 1e-5)
-            fields = ("wrap_u", "wrap_v", "magnification", "minification", "mipmaps")
-            assert [getattr(a, field) for field in fields] == [getattr(b, field) for field in fields], name
-        elif name == "alpha_cutoff" and wanted.alpha_mode != "mask":
-            continue
-        elif not (texture != name and getattr(wanted, texture) is None):  # a scale matters to its texture only
-            assert np.array_equal(a, b), f"{wanted.describe()}: {name}: {a} in place of {b}"
+        ours, theirs = getattr(found, name), getattr(wanted, name)
+        if isinstance(theirs, Texture):
+            check_texture(ours, theirs, name)
+        elif matters(wanted, name):
+            assert np.array_equal(ours, theirs), f"{wanted.describe()}: {name}: {ours} in place of {theirs}"
+
+
+def matters(material, name):
+    """Whether a field of a material shows: a cutoff does in mode "mask", a texture's scale where there is one."""
+    if name == "alpha_cutoff":
+        return material.alpha_mode == "mask"
+    if name.endswith("_scale"):
+        return getattr(material, name.replace("_scale", "_texture")) is not None
+    return True
+
+
+def check_texture(found, wanted, name):
+    assert np.array_equal(found.image.pixels, wanted.image.pixels), name
+    near(found.uv_transform, wanted.uv_transform, 1e-5)
+    for field in ("wrap_u", "wrap_v", "magnification", "minification", "mipmaps"):
+        assert getattr(found, field) == getattr(wanted, field), f"{name}: {field}"
 
 
 def check_fields(found, wanted):

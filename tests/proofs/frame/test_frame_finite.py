@@ -34,20 +34,22 @@ def random_settings(random, settings):
     for name, field in FIELDS.items():
         if field.rebuilds:
             continue
-        value = default = DEFAULTS[name]
-        if random.random() < 0.35:
-            if field.choices:
-                value = str(random.choice(field.choices))
-            elif isinstance(default, bool):
-                value = not default
-            else:
-                high = min(field.high, MAX_VALUES.get(name, 1e6))
-                low = max(field.low, 1e-6)
-                value = float(np.clip(np.exp(random.uniform(np.log(low), np.log(high))), low, high))
-                if isinstance(default, int):
-                    value = round(value)
+        value = random_value(random, name) if random.random() < 0.35 else DEFAULTS[name]
         if getattr(settings, name) != value:
             setattr(settings, name, value)
+
+
+def random_value(random, name):
+    """A value of a setting's range, evenly over its orders of magnitude."""
+    field, default = FIELDS[name], DEFAULTS[name]
+    if field.choices:
+        return str(random.choice(field.choices))
+    if isinstance(default, bool):
+        return not default
+    high = min(field.high, MAX_VALUES.get(name, 1e6))
+    low = max(field.low, 1e-6)
+    value = float(np.clip(np.exp(random.uniform(np.log(low), np.log(high))), low, high))
+    return round(value) if isinstance(default, int) else value
 
 
 def check(renderer, frame, what):
