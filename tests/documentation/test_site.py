@@ -58,7 +58,7 @@ def test_every_public_name_has_its_place(site):
         home = value.__name__ if inspect.ismodule(value) else f"{value.__module__}.{name}"
         assert {f"solari_vk.{name}", home} & anchors, name
     assert {"solari_vk.Scene.add", "solari_vk.PathTracer.render", "solari_vk.Camera.look_at"} <= anchors
-    assert {"solari_vk.renderers.rt.create_blas", "solari_vk.scene.shapes.sphere"} <= anchors
+    assert {"solari_vk.rt.create_blas", "solari_vk.scene.shapes.sphere"} <= anchors
 
 
 def test_every_option_setting_and_view_is_shown(site):
