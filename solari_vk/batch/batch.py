@@ -11,8 +11,8 @@ from numpy.typing import ArrayLike, NDArray
 from solari_vk.base.errors import SolariError, checked_keywords
 from solari_vk.batch import view_cameras
 from solari_vk.batch.batch_renderers import BatchPathTracer, BatchRenderer, WorldBindings
-from solari_vk.batch.frames import WHERE as MANY
-from solari_vk.batch.frames import ManyFrames, cameras_of, cuts_of, moves_of, poses_of, seeds_of
+from solari_vk.batch.many_frames import WHERE as MANY
+from solari_vk.batch.many_frames import ManyFrames, cameras_of, cuts_of, moves_of, poses_of, seeds_of
 from solari_vk.batch.options import (
     LIGHT,
     check_realtime,
@@ -24,10 +24,9 @@ from solari_vk.batch.options import (
     checked_size,
     checked_worlds,
 )
+from solari_vk.batch.overrides import LightOverrides, MaterialOverrides, TransformOverrides
 from solari_vk.batch.results import BatchResults
-from solari_vk.batch.scene_worlds import SceneWorlds
 from solari_vk.batch.view_table import ViewTable
-from solari_vk.batch.world_objects import WorldLights, WorldMaterials, WorldTransforms
 from solari_vk.batch.worlds import Worlds
 from solari_vk.bound.binder import SceneBinder
 from solari_vk.bound.features import LENSES
@@ -102,7 +101,7 @@ class Batch(BatchResults):
             self._owned.callback(self._close_many)
             self.binder.update()
             count = checked_worlds(device, worlds if scenes is None else len(scenes), self.views, renderer)
-            self._worlds = Worlds(device, self.binder, count) if scenes is None else SceneWorlds(device, binder)
+            self._worlds = Worlds(device, self.binder, count)
             self._owned.callback(self._worlds.destroy)
             self._worlds.update()
             self._bindings = WorldBindings(self._worlds)  # of the frame of labels
@@ -136,19 +135,19 @@ class Batch(BatchResults):
         return [passes.labels_stage(self._strip, self._rows, self._labels_names, self._worlds.count * capacity)]
 
     @property
-    def transforms(self) -> WorldTransforms:
+    def transforms(self) -> TransformOverrides:
         """The transforms of instances in each world, (worlds, 4, 4) by the name of an instance: assign them, as in
         `batch.transforms["box"] = poses`."""
         return self._worlds.transforms
 
     @property
-    def world_materials(self) -> WorldMaterials:
+    def world_materials(self) -> MaterialOverrides:
         """The materials of instances in each world, a list by the name of an instance: assign them, as in
         `batch.world_materials["box"] = [red, blue]`."""
         return self._worlds.materials
 
     @property
-    def world_lights(self) -> WorldLights:
+    def world_lights(self) -> LightOverrides:
         """What takes the place of a light of the scene in each world, a list by the name of the light: assign them, as
         in `batch.world_lights["sun"] = [low_sun, None]`."""
         return self._worlds.lights

@@ -8,10 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solari_vk.base.errors import SolariError
+from solari_vk.batch.light_changes import LightChanges, LightState
 from solari_vk.batch.view_cameras import Written
 from solari_vk.batch.view_table import ViewTable, samples_of
-from solari_vk.batch.world_changes import Known, WorldChanges
-from solari_vk.batch.world_tables import WorldTables
+from solari_vk.batch.worlds import Worlds
 from solari_vk.bound.binder import SceneBinder
 from solari_vk.bound.lights.index_translation import CHANGE_DECAY, MIN_CHANGE
 from solari_vk.gpu.device.buffer import Buffer
@@ -31,7 +31,7 @@ Size = tuple[int, int]
 class WorldBindings:
     """The worlds' resources, as frames have them bound."""
 
-    def __init__(self, worlds: WorldTables) -> None:
+    def __init__(self, worlds: Worlds) -> None:
         self.worlds = worlds
         self._version = worlds.version  # of the resources that the frame has
 
@@ -47,13 +47,7 @@ class BatchPathTracer(PathTracer):
     """The path tracer over a strip of views, whose result is `radiance_mean`."""
 
     def __init__(
-        self,
-        device: Device,
-        binder: SceneBinder,
-        strip: Size,
-        views: Buffer,
-        worlds: WorldTables,
-        options: dict[str, Any],
+        self, device: Device, binder: SceneBinder, strip: Size, views: Buffer, worlds: Worlds, options: dict[str, Any]
     ) -> None:
         self._views = views
         self._worlds = worlds
@@ -97,14 +91,14 @@ class BatchRenderer(Renderer):
         size: Size,
         count: int,
         layout: Binding,
-        worlds: WorldTables,
+        worlds: Worlds,
         options: dict[str, Any],
     ) -> None:
         self._grid = grid(size, count, device.properties.limits.maxImageDimension2D)
         self._worlds = worlds
         self._world_count = worlds.count
         self._bindings = WorldBindings(worlds)
-        self._change = np.zeros(count)  # WorldChanges.change, as each view has seen it
+        self._change = np.zeros(count)  # LightChanges.change, as each view has seen it
         self._own_jitter = np.zeros((count, 2))  # of the latest frame's cameras
         self._shifts = np.zeros((2, 2, count))  # their jitter and principal_shift, as x and y in rendered pixels
         self._jitter_begins = np.zeros(count, np.int64)  # where each view begins in the sequence of jitter
@@ -115,7 +109,7 @@ class BatchRenderer(Renderer):
                 device, binder.tensors, layout, count, self._grid[0], world_cache.parts(worlds.count)
             )
             owned.append(self.views)
-            self._changes = WorldChanges(device, worlds.count)
+            self._changes = LightChanges(device, worlds.count)
             owned.append(self._changes.buffer)
             super().__init__(device, binder, size, **options)
         except BaseException:
@@ -180,7 +174,7 @@ class BatchRenderer(Renderer):
         self._has_lens = bool(written.lenses)
         self._prepare()
         self._bindings.show(self._frame)
-        known = self._worlds.known_lights or [Known.of(self.binder.lights)]
+        known = self._worlds.light_states or [LightState.of(self.binder.lights)]
         self._changes.update(known, self.settings.world_cache_cell_size)
         try:
             self._write_views(written, cut if self._has_history else np.ones_like(cut), seeds)

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from solari_vk.base.errors import Hints, SolariError, unknown_name
 from solari_vk.batch.batch_renderers import BatchPathTracer, BatchRenderer
-from solari_vk.batch.frames import ManyFrames, Result
+from solari_vk.batch.many_frames import ManyFrames, Result
 from solari_vk.batch.options import LIGHT
 from solari_vk.bound.binder import SceneBinder
 from solari_vk.gpu.device.buffer import Buffer

@@ -1,4 +1,9 @@
-"""The worlds of a batch: one scene many times, each with transforms, materials and lights of its own."""
+"""What the worlds of a batch have on the device: rows of `instances`, a top-level structure each, and lights.
+
+Worlds show one scene, in which each may have transforms, materials and lights of its own; or each shows a scene of a
+list. A world's rows of `instances` follow those of the world before. Its top-level structure has instances with these
+rows as their custom indices, so that shaders which have a hit need not know its world.
+"""
 
 from __future__ import annotations
 
@@ -10,12 +15,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solari_vk.base.errors import SolariError
-from solari_vk.batch.world_changes import Known
-from solari_vk.batch.world_lights import LightsOfWorlds
-from solari_vk.batch.world_objects import WorldLights, WorldMaterials, WorldTransforms
-from solari_vk.batch.world_tables import WorldTables
+from solari_vk.batch.light_changes import LightState
+from solari_vk.batch.overrides import LightOverrides, MaterialOverrides, TransformOverrides, WorldOverrides
+from solari_vk.batch.view_table import ViewTable
+from solari_vk.batch.world_lights import OverriddenLights, SharedList, WorldLights, lists_of_scenes
+from solari_vk.batch.world_structures import WorldStructures, uploaded
 from solari_vk.bound.binder import SceneBinder
+from solari_vk.bound.constants import NO_INDEX
 from solari_vk.bound.lights.bodies import has_body, transform_of
+from solari_vk.bound.scene_records import MAX_INSTANCES, SceneRecords
 from solari_vk.bound.traced_instances import flags_of, mask_of
 from solari_vk.gpu.acceleration.tlas import INSTANCE_DTYPE
 from solari_vk.gpu.device.buffer import Buffer
@@ -27,7 +35,7 @@ from solari_vk.scene.model import Instance, Material
 ROW_MASK = (1 << 24) - 1  # of custom_index_and_mask
 
 
-class Differing(NamedTuple):
+class Override(NamedTuple):
     """What an instance has of its own in each world (worlds, ...), None for what the scene has: its transforms, the
     rows of its materials, and the flags and masks of what rays hit."""
 
@@ -37,97 +45,195 @@ class Differing(NamedTuple):
     masks: NDArray[np.uint32] | None = None
 
 
-def _same(before: Mapping[Instance, NDArray[Any]], after: Mapping[Instance, NDArray[Any]]) -> bool:
-    return before.keys() == after.keys() and all(np.array_equal(rows, after[lamp]) for lamp, rows in before.items())
-
-
-class Worlds(WorldTables):
-    """The worlds of a batch of one scene."""
+class Worlds:
+    """The worlds of a binder's scene or scenes: `resources` for frames over them, beside the binder's own. count: of
+    worlds, for one scene."""
 
     def __init__(self, device: Device, binder: SceneBinder, count: int) -> None:
-        super().__init__(device, count)
-        self.transforms = WorldTransforms(binder, count)
-        self.materials = WorldMaterials(binder, count)
-        self.lights = WorldLights(binder, count)
-        self._lit = LightsOfWorlds(device, binder, count)
+        self.count = count
+        self.version = 0  # of `resources`: frames bind them again when it has changed
+        self.overrides = None if binder.has_many_scenes else WorldOverrides(binder, count)
+        """None where each world shows a scene of its own."""
+        self._device = device
         self._binder = binder
-        self._seen = -1  # the `record_revision` of the scene that was written
+        self._has_tables = count > 1 or binder.has_many_scenes  # else the binder's own are those of the only world
+        self._lights = WorldLights(device, binder.lights, count)
+        self._overridden_lights = OverriddenLights(device, binder, count)
+        self._scene_lights: Mapping[Any, SharedList] = {}  # of several scenes
+        self._structures = WorldStructures(device, count)
+        self._buffers: dict[str, Buffer] = {}
         self._shared: dict[str, Buffer] = {}  # the scene's tables of lights, while all worlds have them
-        self._surfaces: dict[Instance, Differing] = {}  # of `materials`
-        self._blended: dict[Instance, tuple[Any, ...]] = {}  # in some world by `materials`, with what they looked like
-        self._kept: tuple[Any, NDArray[Any], NDArray[Any]] | None = None  # what it is good for, and what was written
+        self._worlds_of: dict[SceneRecords, NDArray[np.int64]] = {}
+        for records in dict.fromkeys(binder.worlds):
+            shows = [one is records for one in binder.worlds] if binder.has_many_scenes else [True] * count
+            self._worlds_of[records] = np.flatnonzero(shows)
+        # What the device has, in the host's memory (worlds, N), and what it was made from.
+        self._is_current = False
+        self._written: dict[SceneRecords, int] = {}  # with the `record_revision`
+        self._instances: NDArray[Any] = np.zeros((0, 0))
+        self._traced: NDArray[Any] = np.zeros((0, 0))
+        self._layout: Any = None
+        self._written_light_index: NDArray[np.uint32] | None = None
+        # Of instances that have materials of their own: these, and in some world blended ones, and what they look like.
+        self._surfaces: dict[Instance, Override] = {}
+        self._blended: dict[Instance, tuple[Any, ...]] = {}
+
+    # ---- what others read ---------------------------------------------------------------------------
+
+    @property
+    def transforms(self) -> TransformOverrides:
+        """The transforms of instances in each world. Raises SolariError where each world shows a scene of its own."""
+        return self._needed_overrides("transforms", "the instances").transforms
+
+    @property
+    def materials(self) -> MaterialOverrides:
+        """The materials of instances in each world, as `transforms`."""
+        return self._needed_overrides("world_materials", "the instances").materials
+
+    @property
+    def lights(self) -> LightOverrides:
+        """The lights in each world, as `transforms`."""
+        return self._needed_overrides("world_lights", "the lights").lights
+
+    def _needed_overrides(self, name: str, objects: str) -> WorldOverrides:
+        if self.overrides is None:
+            raise SolariError(
+                f"Batch.{name} is for the worlds of one scene, and this batch has a list of scenes: change "
+                f"{objects} of a world's scene, or make the batch of one scene with worlds="
+            )
+        return self.overrides
+
+    @property
+    def shows_scenes(self) -> bool:
+        """Whether each world has a scene of its own."""
+        return self.overrides is None
 
     @property
     def resources(self) -> Mapping[str, Any]:
-        return self._shared | self._buffers
+        """Buffers by their names in GLSL."""
+        return self._shared | self._buffers | {"world_structures": self._structures.addresses}
 
     @property
     def rows(self) -> int:
+        """The number of rows of a world in `instances`."""
         return self._binder.instance_capacity
 
     @property
     def blended_changes(self) -> NDArray[np.int64]:
-        return np.array([self._binder.blended_changes])
+        """The number of changes of blended instances so far, of each world (W,) or of all (1,)."""
+        return np.array([records.blended_changes for records in self._binder.worlds])
 
     @property
-    def known_lights(self) -> list[Known] | None:
-        return self._lit.known if self._lit.tables else None
+    def light_states(self) -> list[LightState] | None:
+        """What is known of the lights of each world; None where all have the scene's."""
+        return self._lights.states if self._lights.tables else None
 
     @property
     def lit(self) -> bool:
-        """Whether some world has lights of its own, or materials without shading."""
-        own = [material for given in self.materials.present().values() for material in given]
-        return any(len(known.ids) for known in self.known_lights or ()) or any(material.unlit for material in own)
+        """Whether something may shine in a world that its scene doesn't have."""
+        if self.overrides is None:
+            return False
+        if any(len(state.ids) for state in self.light_states or ()):
+            return True
+        return any(material.unlit for given in self.overrides.materials.current().values() for material in given)
+
+    @property
+    def numbers(self) -> tuple[int, ...]:
+        """What `number` writes depends on."""
+        return self.rows, int(self.light_states is not None)
+
+    def number(self, table: ViewTable) -> None:
+        """Write to the records of views which world each shows: as many views to each, one after the other."""
+        table.shared["has_own_lights"] = self.light_states is not None
+        records = table.records
+        records["world"] = np.arange(len(records)) // (len(records) // self.count)
+        records["first_instance"] = records["world"] * self.rows
+
+    # ---- an update, step by step ---------------------------------------------------------------------
 
     def update(self) -> int:
-        if self.count == 1:
+        """Have the next submission show the worlds as they are, and their scenes, whose edits are applied; returns
+        `version`. Raises SolariError for more worlds than the device holds, and for what worlds can't have."""
+        if not self._has_tables:
             tlas = self._binder.tlas
             assert tlas is not None
-            self._show_addresses([tlas.current.address, (tlas.previous or tlas.current).address])
+            self._structures.show([tlas.current.address, (tlas.previous or tlas.current).address])
             return self.version
-        own = self.transforms, self.materials, self.lights
-        edited = self._seen != self._binder.records.record_revision
-        if edited or any(given.changed for given in own):
-            self._seen = -1  # until all is written
-            for given in own:
-                given.present()
-            if edited or self.materials.changed:
-                self._note_materials()
-            self._binder.records.blended_changes += any(map(self._is_blended, self.transforms.changed))
-            lit = self.lights.changed or self.materials.changed or any(map(self._is_lamp, self.transforms.changed))
-            lamp_rows = self._lit.lamp_rows
-            if edited or lit:
-                lamp_rows = {lamp: rows.copy() for lamp, rows in lamp_rows.items()}
-                self._lit.update(self.lights, self.materials, self.transforms, self.rows)
-                for name, table in self._lit.tables.items():
-                    self._upload(name, table)
-            bodies = self._bodies()
-            if (
-                edited
-                or bodies
-                or self.transforms.changed
-                or self.materials.changed
-                or not _same(lamp_rows, self._lit.lamp_rows)
-            ):
-                self._write(self._differing(bodies), moved_only=not (edited or lit or bodies))
-            self._seen = self._binder.records.record_revision
-            for given in own:
-                given.changed.clear()
+        edited = [one for one in self._worlds_of if self._written.get(one) != one.record_revision]
+        if self.overrides is None:
+            if edited or not self._is_current:
+                self._show_scenes()
+        elif edited or not self._is_current or self.overrides.changed:
+            self._show_overrides(self.overrides, is_new=bool(edited) or not self._is_current)
         self._share_lights()
         return self.version
 
-    def _is_lamp(self, instance: Instance) -> bool:
-        return self._binder.lights.index(instance) is not None or instance in self._lit.lamp_rows
+    def _show_scenes(self) -> None:
+        """Show a scene in each world."""
+        was_current = self._is_current
+        self._is_current = False  # until all is written
+        self._scene_lights, shown = lists_of_scenes(self._binder.worlds, self._scene_lights)
+        if self._lights.show(self._scene_lights, shown, self.rows) or not was_current:
+            self._upload_lights()
+        self._write({})
+        self._is_current = True
+
+    def _show_overrides(self, overrides: WorldOverrides, is_new: bool) -> None:
+        """Show one scene with what each world has in place of its objects. is_new: the scene was edited."""
+        self._is_current = False  # until all is written
+        overrides.forget_removed()
+        moved = overrides.transforms.changed
+        repainted = bool(overrides.materials.changed)
+        if is_new or repainted:
+            self._follow_materials(overrides)
+        self._binder.records.blended_changes += any(map(self._is_blended, moved))
+        relit = is_new or repainted or bool(overrides.lights.changed) or any(map(self._is_emitter, moved))
+        if relit:
+            self._follow_lights(overrides, must_upload=is_new)
+        bodies = self._bodies(overrides)
+        differing = self._differing(overrides, bodies)
+        if not (is_new or relit or bodies) and self._only_tensors_moved(overrides, differing):
+            self._build(differing, moved)
+        elif is_new or repainted or moved or bodies or self._lights.light_index is not self._written_light_index:
+            self._write(differing)
+        self._is_current = True
+        overrides.confirm()
+
+    def _only_tensors_moved(self, overrides: WorldOverrides, differing: Mapping[Instance, Override]) -> bool:
+        """Whether all that changed are transforms that the device has, which it writes by itself."""
+        moved = overrides.transforms.changed
+        if not moved or self._layout != self._layout_of(differing):
+            return False
+        return all(isinstance(differing.get(instance, Override()).transforms, DeviceTensor) for instance in moved)
+
+    def _is_emitter(self, instance: Instance) -> bool:
+        if self._binder.lights.index(instance) is not None:
+            return True
+        index = self._lights.light_index
+        row = self._binder.records.instance_rows.get(instance)
+        return index is not None and row is not None and bool((index[:, row] != NO_INDEX).any())
 
     def _is_blended(self, instance: Instance) -> bool:
         return instance in self._blended or (instance not in self._surfaces and instance.alpha_mode == "blend")
 
+    # ---- lights -------------------------------------------------------------------------------------
+
+    def _follow_lights(self, overrides: WorldOverrides, must_upload: bool) -> None:
+        shown = self._overridden_lights.update(overrides)
+        if shown is None:
+            self._lights.share()
+        elif self._lights.show(self._overridden_lights.lists, shown, self.rows) or must_upload:
+            self._upload_lights()
+
+    def _upload_lights(self) -> None:
+        for name, table in self._lights.tables.items():
+            self._upload(name, table)
+
     def _share_lights(self) -> None:
         """Have `resources` name the scene's tables of lights, unless the worlds have some of their own."""
-        shared = {table.name: table.buffer for table in self._binder.lights.tables}
-        if self._lit.tables:
-            shared = {}
-        else:
+        shared: dict[str, Buffer] = {}
+        if not self._lights.tables:
+            shared = {table.name: table.buffer for table in self._binder.lights.tables}
             for name in shared.keys() & self._buffers.keys():
                 self._buffers.pop(name).destroy()
         if shared != self._shared:
@@ -136,125 +242,175 @@ class Worlds(WorldTables):
 
     # ---- what differs between worlds ----------------------------------------------------------------
 
-    def _note_materials(self) -> None:
-        """Take note of the materials of instances, which must be in the binder's tables."""
-        self._surfaces, built_anew = {}, False
+    def _follow_materials(self, overrides: WorldOverrides) -> None:
+        """Find the surfaces of instances that have materials of their own, which must be in the binder's tables."""
+        self._surfaces = {}
         blended: dict[Instance, tuple[Any, ...]] = {}
-        for instance, given in self.materials.present().items():
-            found: dict[Material, tuple[int, int, int]] = {}
-            for material in dict.fromkeys(given):
-                variant = copy.copy(instance)
-                variant.update(material=material)
-                if (mode := variant.alpha_mode) != "opaque":
-                    self._binder.add_feature(variant)
-                if mode == "blend":
-                    blended[instance] = instance.transform.tobytes(), instance.visible, instance.mesh, *given
-                    built_anew |= self._binder.use_single_hits(instance.ray_mesh or instance.mesh)
-                flags = flags_of(material.double_sided, mode)
-                found[material] = self._binder.materials.rows[material], flags, mask_of(instance.visible, mode)
-            rows, flags, masks = np.array([found[material] for material in given], np.uint32).T
-            self._surfaces[instance] = Differing(None, rows, flags, masks)
+        built_anew = False
+        for instance, materials in overrides.materials.current().items():
+            found = {material: self._surface(instance, material) for material in dict.fromkeys(materials)}
+            if any(mode == "blend" for mode, *_ in found.values()):
+                blended[instance] = instance.transform.tobytes(), instance.visible, instance.mesh, *materials
+                built_anew |= self._binder.use_single_hits(instance.ray_mesh or instance.mesh)
+            columns = np.array([found[material][1:] for material in materials], np.uint32).T
+            self._surfaces[instance] = Override(None, *columns)
         self._binder.records.blended_changes += blended != self._blended
         self._blended = blended
         if built_anew:
             self._binder.update()
 
-    def _bodies(self) -> dict[Instance, Differing]:
-        """The bodies of lights that cast shadows."""
+    def _surface(self, instance: Instance, material: Material) -> tuple[str, int, int, int]:
+        """The alpha mode of an instance with a material, the material's row, and the flags and mask for rays."""
+        variant = copy.copy(instance)
+        variant.update(material=material)
+        mode = variant.alpha_mode
+        if mode != "opaque":
+            self._binder.add_feature(variant)
+        row = self._binder.materials.rows[material]
+        return mode, row, flags_of(material.double_sided, mode), mask_of(instance.visible, mode)
+
+    def _bodies(self, overrides: WorldOverrides) -> dict[Instance, Override]:
+        """The bodies of lights that cast shadows, which are elsewhere in each world, or hidden from rays."""
         found = {}
-        for light, given in self.lights.present().items():
+        for light, lights in overrides.lights.current().items():
             body = self._binder.lights.bodies.of(light)
             if body is None:
-                wrong = [world for world, one in enumerate(given) if has_body(one)]
+                wrong = [world for world, one in enumerate(lights) if has_body(one)]
                 if wrong:
                     raise SolariError(
                         f"Batch.world_lights: {light.describe()} blocks light in world {wrong[0]}, for "
                         "which it needs a body in the scene: set blocks_light there too"
                     )
                 continue
-            casts = [has_body(one) for one in given]
-            places = [transform_of(one) if has_body(one) else body.transform for one in given]
-            masks = np.array([mask_of(cast, "opaque") for cast in casts], np.uint32)
-            found[body] = Differing(np.stack(places), None, None, masks)
+            transforms = [transform_of(one) if has_body(one) else body.transform for one in lights]
+            masks = [mask_of(has_body(one), "opaque") for one in lights]
+            found[body] = Override(np.stack(transforms), None, None, np.array(masks, np.uint32))
         return found
 
-    def _differing(self, bodies: Mapping[Instance, Differing]) -> dict[Instance, Differing]:
+    def _differing(self, overrides: WorldOverrides, bodies: Mapping[Instance, Override]) -> dict[Instance, Override]:
         differing = {**self._surfaces, **bodies}
-        for instance, transforms in self.transforms.present().items():
-            differing[instance] = differing.get(instance, Differing())._replace(transforms=transforms)
+        for instance, transforms in overrides.transforms.current().items():
+            differing[instance] = differing.get(instance, Override())._replace(transforms=transforms)
         return differing
 
     # ---- instances and their structures -------------------------------------------------------------
 
-    def _write(self, differing: Mapping[Instance, Differing], *, moved_only: bool) -> None:
-        binder, traced, worlds = self._binder.records, self._binder.records.traced, self.count
-        lamp_rows = self._lit.lamp_rows
-        given = [(instance, own.transforms is None, own.materials is None) for instance, own in differing.items()]
-        kept = binder.record_revision, (*given,), (*lamp_rows,)
-        on_device = [instance for instance, own in differing.items() if isinstance(own.transforms, DeviceTensor)]
-        changed = self.transforms.changed
-        if moved_only and self._kept is not None and self._kept[0] == kept and changed.issubset(on_device):
-            self._place(differing, [instance for instance in on_device if instance in changed])
-            return
-        if self._kept is None or self._kept[0] != kept:
-            self._check_room(binder.scene.describe(), binder.instance_table.records.dtype.itemsize)
-            records = np.tile(binder.instance_table.records, (worlds, 1))
-            instances = np.tile(traced.table.records[: traced.count], (worlds, 1))
-            instances["custom_index_and_mask"] += (np.arange(worlds, dtype=np.uint32) * self.rows)[:, None]
-            self._kept = kept, records, instances
-        _, records, instances = self._kept
-        for instance, own in differing.items():
-            row = binder.instance_rows[instance]
-            place = traced.place(row)
-            if own.transforms is not None and not isinstance(own.transforms, DeviceTensor):
-                records["world_from_object"][:, row] = own.transforms[:, :3].transpose(0, 2, 1)
-                instances["transform"][:, place] = own.transforms[:, :3]
-            if own.materials is not None:
-                records["material"][:, row] = own.materials
-                instances["sbt_offset_and_flags"][:, place] = own.flags
-            if own.masks is not None:
-                index = instances["custom_index_and_mask"][:, place] & ROW_MASK
-                instances["custom_index_and_mask"][:, place] = index | own.masks
-        for lamp, rows in lamp_rows.items():
-            records["light_index"][:, binder.instance_rows[lamp]] = rows
-        self._upload("instances", records)
-        self._prepare(instances, (traced.count,) * worlds)
-        self._place(differing, on_device)
+    def _layout_of(self, differing: Mapping[Instance, Override]) -> Any:
+        """What the arrays of records depend on: their shape, and which fields each world has of its own. While it stays
+        the same, a field that was overwritten is overwritten again."""
+        overwritten = [(instance, own.transforms is None, own.materials is None) for instance, own in differing.items()]
+        most = max(records.traced.count for records in self._worlds_of)
+        return self.rows, most, self._lights.light_index is None, (*overwritten,)
 
-    def _place(self, differing: Mapping[Instance, Differing], on_device: Iterable[Instance]) -> None:
-        """Build the structures, with the transforms that tensors give of some instances written on the device."""
-        binder, traced = self._binder.records, self._binder.records.traced
-        records = binder.instance_table.records
-        fields = records.dtype.fields
-        assert self._records is not None
+    def _write(self, differing: Mapping[Instance, Override]) -> None:
+        layout = self._layout_of(differing)
+        if layout != self._layout:
+            self._make_arrays(most=layout[1])
+            self._layout = layout
+        for records, worlds in self._worlds_of.items():
+            if self._written.get(records) != records.record_revision:
+                self._copy_scene(records, worlds)
+        for instance, own in differing.items():
+            self._write_override(instance, own)
+        if self._lights.light_index is not None:
+            self._instances["light_index"] = self._lights.light_index
+        self._upload("instances", self._instances)
+        counts = np.zeros(self.count, np.int64)
+        for records, worlds in self._worlds_of.items():
+            counts[worlds] = records.traced.count
+        self._structures.prepare(self._traced, tuple(counts.tolist()))
+        self._build(differing, differing)
+        self._written_light_index = self._lights.light_index
+
+    def _make_arrays(self, most: int) -> None:
+        """Make arrays for so many instances in the structure of a world."""
+        scenes = list(self._worlds_of)
+        dtype = scenes[0].instance_table.records.dtype
+        limit = self._device.properties.limits.maxStorageBufferRange
+        worlds = min(MAX_INSTANCES // self.rows, limit // (self.rows * dtype.itemsize))
+        if self.count > worlds:
+            shown = f"{len(scenes):,} scenes" if self.shows_scenes else self._binder.scene.describe()
+            raise SolariError(
+                f"Batch: {self.count:,} worlds of {shown}, with {self.rows:,} rows of "
+                f"instances each: this device holds at most {worlds:,}: share the worlds among several "
+                "batches"
+            )
+        self._instances = np.zeros((self.count, self.rows), dtype)
+        self._traced = np.zeros((self.count, most), INSTANCE_DTYPE)
+        self._written = {}
+
+    def _copy_scene(self, records: SceneRecords, worlds: NDArray[np.int64]) -> None:
+        """Copy a scene's records to the worlds (W,) that show it."""
+        instances = records.instance_table.records
+        count = records.traced.count
+        first_rows = (worlds * self.rows).astype(np.uint32)[:, None]
+        self._instances[worlds, : len(instances)] = instances
+        self._traced[worlds, :count] = records.traced.table.records[:count]
+        self._traced["custom_index_and_mask"][worlds, :count] += first_rows
+        self._written[records] = records.record_revision
+
+    def _write_override(self, instance: Instance, own: Override) -> None:
+        records = self._binder.records
+        row = records.instance_rows[instance]
+        place = records.traced.place(row)
+        if own.transforms is not None and not isinstance(own.transforms, DeviceTensor):
+            self._instances["world_from_object"][:, row] = own.transforms[:, :3].transpose(0, 2, 1)
+            self._traced["transform"][:, place] = own.transforms[:, :3]
+        if own.materials is not None:
+            self._instances["material"][:, row] = own.materials
+            self._traced["sbt_offset_and_flags"][:, place] = own.flags
+        if own.masks is not None:
+            index = self._traced["custom_index_and_mask"][:, place] & ROW_MASK
+            self._traced["custom_index_and_mask"][:, place] = index | own.masks
+
+    def _build(self, differing: Mapping[Instance, Override], moved: Iterable[Instance]) -> None:
+        """Build the structures, after the device has written the transforms of moved instances that it has itself."""
+        for instance in moved:
+            transforms = differing[instance].transforms
+            if isinstance(transforms, DeviceTensor):
+                self._write_tensor(instance, transforms)
+        self._structures.build()
+
+    def _write_tensor(self, instance: Instance, transforms: DeviceTensor) -> None:
+        """Have the device write the transforms of an instance, (worlds, 4, 4), to all records that have them."""
+        traced_records = self._structures.records
+        fields = self._instances.dtype.fields
+        assert traced_records is not None
         assert fields is not None
-        size, begin = records.dtype.itemsize // 4, fields["world_from_object"][1] // 4
-        for instance in on_device:
-            tensor = differing[instance].transforms
-            assert isinstance(tensor, DeviceTensor)
-            row = binder.instance_rows[instance]
-            ray_size = INSTANCE_DTYPE.itemsize // 4
-            # In floats. The shaders' records and those that rays are traced in have the transform in different order.
-            places = {
-                "first": self._buffers["instances"].address,
-                "first_place": row * size + begin,
-                "first_step": self.rows * size,
-                "second": self._records.address,
-                "second_place": traced.place(row) * ray_size,
-                "second_step": traced.count * ray_size,
-            }
-            port = self._binder.tensors
-            name = instance.describe()
-            subject = f"Batch.transforms: {name}"
-            pushed = {
-                **port.matrices(tensor, self.count),
-                **port.refusal(subject, rule(subject, "world", POSE_RULE)),
-                **places,
-            }
-            port.write([Dispatch("transforms", (self.count, 1), pushed)], name, with_next=True)
-        self._build()
+        row = self._binder.records.instance_rows[instance]
+        index = self._binder.records.traced.place(row)
+        # Where a world's records are, and from one world to the next, in floats. The records of shaders and those that
+        # structures are built from have the numbers of a transform in different order.
+        size = self._instances.dtype.itemsize // 4
+        traced_size = INSTANCE_DTYPE.itemsize // 4
+        places = {
+            "first": self._buffers["instances"].address,
+            "first_place": row * size + fields["world_from_object"][1] // 4,
+            "first_step": self.rows * size,
+            "second": traced_records.address,
+            "second_place": index * traced_size,
+            "second_step": self._traced.shape[1] * traced_size,
+        }
+        port = self._binder.tensors
+        name = instance.describe()
+        subject = f"Batch.transforms: {name}"
+        pushed = {
+            **port.matrices(transforms, self.count),
+            **port.refusal(subject, rule(subject, "world", POSE_RULE)),
+            **places,
+        }
+        port.write([Dispatch("transforms", (self.count, 1), pushed)], name, with_next=True)
+
+    def _upload(self, name: str, records: NDArray[Any]) -> None:
+        before = self._buffers.get(name)
+        self._buffers[name] = uploaded(self._device, before, records, name)
+        self.version += self._buffers[name] is not before
 
     def destroy(self) -> None:
-        self.materials.destroy()
-        self._lit.destroy()
-        super().destroy()
+        """Free everything."""
+        if self.overrides is not None:
+            self.overrides.destroy()
+        self._overridden_lights.destroy()
+        self._structures.destroy()
+        for buffer in self._buffers.values():
+            buffer.destroy()

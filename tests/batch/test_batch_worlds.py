@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import solari_vk as sv
-from solari_vk.batch.world_changes import WORLD, Known, WorldChanges
+from solari_vk.batch.light_changes import WORLD, LightChanges, LightState
 from solari_vk.passes import world_cache
 from solari_vk.passes.reference import numbered_seeds
 from solari_vk.settings import Settings
@@ -170,7 +170,7 @@ def test_lamps_of_worlds_move_with_the_scene(device, change):
                 batch.render(np.tile(CAMERAS[:1], (2, 1, 1)))
             scene.instances["tall block"].update(**change)
             batch.render(np.tile(CAMERAS[:1], (2, 1, 1)))
-            powers.append([(known.powers, known.positions) for known in batch._worlds.known_lights])
+            powers.append([(known.powers, known.positions) for known in batch._worlds.light_states])
     for early, late in zip(*powers, strict=True):
         np.testing.assert_array_equal(late[0], early[0])
         np.testing.assert_array_equal(late[1], early[1])
@@ -190,7 +190,7 @@ def test_emissive_textures_of_worlds_change(device):
                 batch.render(np.tile(CAMERAS[:1], (2, 1, 1)))
             image.pixels = dark
             batch.render(np.tile(CAMERAS[:1], (2, 1, 1)))
-            powers.append(batch._worlds.known_lights[0].powers)
+            powers.append(batch._worlds.light_states[0].powers)
     np.testing.assert_array_equal(powers[1], powers[0])
 
 
@@ -423,10 +423,10 @@ def test_a_light_takes_one_place_in_a_world(device):
 
 def test_changes_of_all_worlds_count_where_they_share_lights_again(device):
     def known(power):
-        return Known(np.ones(1, np.uint32), np.array([power]), np.zeros((1, 3)), np.zeros((1, 3)))
+        return LightState(np.ones(1, np.uint32), np.array([power]), np.zeros((1, 3)), np.zeros((1, 3)))
 
     scene, off = known(10.0), known(0.0)
-    changes = WorldChanges(device, 2)
+    changes = LightChanges(device, 2)
     for own in ([scene, off], [scene, off]):
         changes.update(own, 0.1)
     changes.update([scene], 0.1)  # the second world's light goes on

@@ -261,7 +261,7 @@ def test_lamps_of_tensors_move_on_the_host(gpu):
         with sv.Batch(gpu, sv.builtin("cornell_box"), SIZE, WORLDS, worlds=WORLDS, outputs=["depth"]) as batch:
             batch.transforms["lamp"] = wrap(places)
             batch.render(poses(0), fov=50)
-            powers.append([known.positions for known in batch._worlds.known_lights])
+            powers.append([known.positions for known in batch._worlds.light_states])
     np.testing.assert_array_equal(*powers)
 
 

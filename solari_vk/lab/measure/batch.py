@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from solari_vk.base.errors import SolariError
 from solari_vk.batch.batch import Batch
-from solari_vk.batch.frames import ManyFrames
+from solari_vk.batch.many_frames import ManyFrames
 from solari_vk.batch.options import OPTIONS
 from solari_vk.bound.binder import SceneBinder
 from solari_vk.gpu.device.device import Device

@@ -20,7 +20,7 @@ WORLD = np.dtype([("count", "<u4"), ("at", RECORD, MOST), ("share", "<f4")])
 """ChangedLights in glsl/passes/light_change.glsl."""
 
 
-class Known(NamedTuple):
+class LightState(NamedTuple):
     """What `LightList` knows of the lights of a world, for passes that follow changes."""
 
     ids: NDArray[np.uint32]
@@ -29,12 +29,12 @@ class Known(NamedTuple):
     positions: NDArray[np.float64]
 
     @classmethod
-    def of(cls, lights: LightList) -> Known:
+    def of(cls, lights: LightList) -> LightState:
         """Of a list."""
         return cls(lights.ids, lights.emitted, lights.places, lights.positions)
 
 
-class WorldChanges:
+class LightChanges:
     """The changes of the lights of worlds. Worlds that share the scene's lights have one record together."""
 
     def __init__(self, device: Device, worlds: int) -> None:
@@ -45,11 +45,11 @@ class WorldChanges:
         """The same of recent frames; it decays."""
         self.is_still = True
         """Whether nothing has changed recently."""
-        self._seen: list[Known] = []
+        self._seen: list[LightState] = []
         self._uploaded = False  # whether the buffer has the changes
         self._recent: list[RecentChanges] = []
 
-    def update(self, known: Sequence[Known], cell_size: float) -> None:
+    def update(self, known: Sequence[LightState], cell_size: float) -> None:
         """Compare with the lights of the previous frame. known: for each world, or one for all. cell_size: of the world
         cache, in meters."""
         if self.is_still and self._has_seen(known):
@@ -75,7 +75,7 @@ class WorldChanges:
             self._join()
         self._note_stillness()
 
-    def _has_seen(self, known: Sequence[Known]) -> bool:
+    def _has_seen(self, known: Sequence[LightState]) -> bool:
         """Whether these were the lights of the previous frame."""
         return len(known) == len(self._seen) and all(map(is_, chain(*self._seen), chain(*known)))
 

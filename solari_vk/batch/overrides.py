@@ -1,4 +1,4 @@
-"""What the worlds of a batch have of their own, by the scene's objects: transforms, materials and lights."""
+"""What the worlds of a batch have in place of what their scene has: transforms, materials and lights."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ Item = TypeVar("Item", bound=Checked)
 Values = TypeVar("Values")
 
 
-class OfWorlds(MutableMapping[str | Item, Values], Generic[Item, Values]):
+class Overrides(MutableMapping[str | Item, Values], Generic[Item, Values]):
     """What objects of the scene are in each world, by the name of an object or by itself. Objects without are the
     scene's in all worlds."""
 
@@ -31,7 +31,7 @@ class OfWorlds(MutableMapping[str | Item, Values], Generic[Item, Values]):
 
     def __init__(self, binder: SceneBinder, worlds: int) -> None:
         self._binder, self.worlds = binder, worlds
-        self._given: dict[Item, Values] = {}
+        self._values: dict[Item, Values] = {}
         self.changed: set[Item] = set()
 
     def _item(self, key: str | Item) -> Item:
@@ -58,9 +58,9 @@ class OfWorlds(MutableMapping[str | Item, Values], Generic[Item, Values]):
     def replace(self, item: Item, values: Values | None) -> None:
         """Keep what is checked, or None for the scene's."""
         if values is None:
-            self._given.pop(item, None)
+            self._values.pop(item, None)
         else:
-            self._given[item] = values
+            self._values[item] = values
         self.changed.add(item)
 
     def checked(self, key: str | Item, values: Any) -> tuple[Item, Values]:
@@ -76,7 +76,7 @@ class OfWorlds(MutableMapping[str | Item, Values], Generic[Item, Values]):
     def __getitem__(self, key: str | Item) -> Values:
         """A copy."""
         item = self._item(key)
-        values: Any = self._given[item] if item in self._given else self._by_default(item)
+        values: Any = self._values[item] if item in self._values else self._by_default(item)
         copied: Any = values.read() if isinstance(values, DeviceTensor) else values.copy()
         found: Values = copied
         return found
@@ -84,14 +84,14 @@ class OfWorlds(MutableMapping[str | Item, Values], Generic[Item, Values]):
     def __delitem__(self, key: str | Item) -> None:
         """Have all worlds show an object as the scene has it."""
         item = self._item(key)
-        if item not in self._given:
+        if item not in self._values:
             raise KeyError(key)
         self.replace(item, None)
 
     def __contains__(self, key: object) -> bool:
         """Whether an object has something of its own in each world."""
         try:
-            return self._item(key) in self._given  # type: ignore[arg-type]
+            return self._item(key) in self._values  # type: ignore[arg-type]
         except SolariError:
             return False
 
@@ -113,17 +113,17 @@ class OfWorlds(MutableMapping[str | Item, Values], Generic[Item, Values]):
         return self[key]
 
     def __iter__(self) -> Iterator[Any]:
-        return iter(self.present())
+        return iter(self.current())
 
     def __len__(self) -> int:
-        return len(self.present())
+        return len(self.current())
 
-    def present(self) -> dict[Item, Values]:
+    def current(self) -> dict[Item, Values]:
         """What was given; what left the scene is forgotten."""
         items = getattr(self._binder.scene, self.among)
-        for item in [item for item in self._given if item not in items]:
+        for item in [item for item in self._values if item not in items]:
             self.replace(item, None)
-        return self._given
+        return self._values
 
     def _checked_list(self, item: Item, values: Any, kind: type[Any], what: str) -> list[Any]:
         given = list(values) if isinstance(values, Sequence) else None
@@ -140,7 +140,7 @@ class OfWorlds(MutableMapping[str | Item, Values], Generic[Item, Values]):
         return given
 
 
-class WorldTransforms(OfWorlds[Instance, NDArray[np.float64]]):
+class TransformOverrides(Overrides[Instance, NDArray[np.float64]]):
     """The transforms of instances by world, by the name of each instance or by itself: (worlds, 4, 4), world from
     object. Instances without have the scene's in all worlds.
 
@@ -185,17 +185,17 @@ class WorldTransforms(OfWorlds[Instance, NDArray[np.float64]]):
     def on_host(self, items: Iterable[Instance]) -> dict[Instance, NDArray[np.float64]]:
         """What was given of these, from now on in the host's memory also if it was a tensor's, which waits for it."""
         found = {}
-        for item in self._given.keys() & set(items):
-            given = self._given[item]
+        for item in self._values.keys() & set(items):
+            given = self._values[item]
             found[item] = self._on_host(item, given.read()) if isinstance(given, DeviceTensor) else given
-        self._given.update(found)
+        self._values.update(found)
         return found
 
     def _by_default(self, item: Instance) -> NDArray[np.float64]:
         return np.broadcast_to(item.transform, (self.worlds, 4, 4))
 
 
-class WorldMaterials(OfWorlds[Instance, list[Material]]):
+class MaterialOverrides(Overrides[Instance, list[Material]]):
     """The materials of instances by world, by the name of each instance or by itself: a list with one for each world,
     in which materials may occur several times. Instances without have the scene's in all worlds.
 
@@ -212,7 +212,7 @@ class WorldMaterials(OfWorlds[Instance, list[Material]]):
         return [item.material] * self.worlds
 
     def replace(self, item: Instance, values: list[Material] | None) -> None:
-        before = self._given.get(item, [])
+        before = self._values.get(item, [])
         super().replace(item, values)
         table = self._binder.materials
         for material in dict.fromkeys(values or ()):
@@ -224,11 +224,11 @@ class WorldMaterials(OfWorlds[Instance, list[Material]]):
 
     def destroy(self) -> None:
         """Let go of the materials."""
-        for item in list(self._given):
+        for item in list(self._values):
             self.replace(item, None)
 
 
-class WorldLights(OfWorlds[Light, list[Light | None]]):
+class LightOverrides(Overrides[Light, list[Light | None]]):
     """The lights of the scene by world, by the name of each light or by itself: a list with what takes its place in
     each world, None for nothing. Lights without are the scene's in all worlds.
 
@@ -270,3 +270,32 @@ class WorldLights(OfWorlds[Light, list[Light | None]]):
         for light in values or ():
             if light is not None:
                 light.watch(self)
+
+
+class WorldOverrides:
+    """All that the worlds of a scene have in place of what the scene has."""
+
+    def __init__(self, binder: SceneBinder, worlds: int) -> None:
+        self.transforms = TransformOverrides(binder, worlds)
+        self.materials = MaterialOverrides(binder, worlds)
+        self.lights = LightOverrides(binder, worlds)
+        self._all: tuple[Overrides[Any, Any], ...] = (self.transforms, self.materials, self.lights)
+
+    @property
+    def changed(self) -> bool:
+        """Whether something was assigned, deleted or edited since `confirm`."""
+        return any(each.changed for each in self._all)
+
+    def forget_removed(self) -> None:
+        """Forget those of objects that have left the scene."""
+        for each in self._all:
+            each.current()
+
+    def confirm(self) -> None:
+        """Note that the worlds show all changes."""
+        for each in self._all:
+            each.changed.clear()
+
+    def destroy(self) -> None:
+        """Let go of the materials."""
+        self.materials.destroy()

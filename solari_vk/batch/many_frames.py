@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from solari_vk.base.errors import SolariError, quoted, unknown_name
 from solari_vk.base.host_array import host_array
 from solari_vk.batch import view_cameras
-from solari_vk.batch.scene_worlds import SceneWorlds
 from solari_vk.batch.worlds import Worlds
 from solari_vk.gpu.device import raw
 from solari_vk.gpu.device.barriers import full_barrier
@@ -165,7 +164,7 @@ def cameras_of(frames: int, views: int, cameras: Any, port: TensorPort) -> Seque
     return list(np.broadcast_to(poses, (frames, *shape)))
 
 
-def moves_of(frames: int, worlds: Worlds | SceneWorlds, transforms: Any) -> list[list[tuple[Instance, Any]]]:
+def moves_of(frames: int, worlds: Worlds, transforms: Any) -> list[list[tuple[Instance, Any]]]:
     """What to replace in the transforms of worlds before each frame."""
     if not isinstance(transforms, Mapping | None):
         raise SolariError(f"{WHERE}: transforms is a dictionary of arrays by instance, not {quoted(transforms)}")
