@@ -13,9 +13,8 @@
 // film; SCENE_TRANSMISSION: glass or diffuse transmission; SCENE_BLEND: alpha mode "blend", or smooth thin-walled
 // glass; SCENE_ALPHA: that, or alpha mode "mask". MATERIAL_SOLID: the surface bounds a solid, which light may enter
 // and which absorbs it. MATERIAL_WALL: thin-walled glass, smooth at least in places.
-#include "generated/bound/constants.glsl"  // NO_INDEX; flags MESH_*, MATERIAL_*, WITHOUT_*; masks of rays
+#include "generated/bound/constants.glsl"  // NO_INDEX, struct Material; flags MESH_*, MATERIAL_*, WITHOUT_*; masks of rays
 #include "generated/bound/features.glsl"  // SCENE_*
-#include "generated/bound/material_record.glsl"  // struct Material
 #ifdef MANY_VIEWS
 #include "scene/camera_block.glsl"
 #endif

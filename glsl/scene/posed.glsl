@@ -1,4 +1,4 @@
-// What deform.comp reads and writes: the host gives all memory by address (solari_vk/bound/poses/scene_poses.py).
+// What deform.comp reads and writes: the host gives all memory by address (solari_vk/bound/scene_poses.py).
 #ifndef SCENE_POSED_GLSL
 #define SCENE_POSED_GLSL
 

@@ -22,7 +22,7 @@ from solari_vk.batch.world_lights import OverriddenLights, SharedList, WorldLigh
 from solari_vk.batch.world_structures import WorldStructures, uploaded
 from solari_vk.bound.binder import SceneBinder
 from solari_vk.bound.constants import NO_INDEX
-from solari_vk.bound.lights.bodies import has_body, transform_of
+from solari_vk.bound.lights.blockers import blocker_transform, blocks_light
 from solari_vk.bound.scene_records import MAX_INSTANCES, SceneRecords
 from solari_vk.bound.traced_instances import flags_of, mask_of
 from solari_vk.gpu.acceleration.tlas import INSTANCE_DTYPE
@@ -190,11 +190,11 @@ class Worlds:
         relit = is_new or repainted or bool(overrides.lights.changed) or any(map(self._is_emitter, moved))
         if relit:
             self._follow_lights(overrides, must_upload=is_new)
-        bodies = self._bodies(overrides)
-        differing = self._differing(overrides, bodies)
-        if not (is_new or relit or bodies) and self._only_tensors_moved(overrides, differing):
+        blockers = self._blockers(overrides)
+        differing = self._differing(overrides, blockers)
+        if not (is_new or relit or blockers) and self._only_tensors_moved(overrides, differing):
             self._build(differing, moved)
-        elif is_new or repainted or moved or bodies or self._lights.light_index is not self._written_light_index:
+        elif is_new or repainted or moved or blockers or self._lights.light_index is not self._written_light_index:
             self._write(differing)
         self._is_current = True
         overrides.confirm()
@@ -269,26 +269,26 @@ class Worlds:
         row = self._binder.materials.rows[material]
         return mode, row, flags_of(material.double_sided, mode), mask_of(instance.visible, mode)
 
-    def _bodies(self, overrides: WorldOverrides) -> dict[Instance, Override]:
-        """The bodies of lights that cast shadows, which are elsewhere in each world, or hidden from rays."""
+    def _blockers(self, overrides: WorldOverrides) -> dict[Instance, Override]:
+        """The balls that block the light of sphere lights: elsewhere in each world, or hidden from rays."""
         found = {}
         for light, lights in overrides.lights.current().items():
-            body = self._binder.lights.bodies.of(light)
-            if body is None:
-                wrong = [world for world, one in enumerate(lights) if has_body(one)]
+            blocker = self._binder.lights.blockers.of(light)
+            if blocker is None:
+                wrong = [world for world, one in enumerate(lights) if blocks_light(one)]
                 if wrong:
                     raise SolariError(
                         f"Batch.world_lights: {light.describe()} blocks light in world {wrong[0]}, for "
                         "which it needs a body in the scene: set blocks_light there too"
                     )
                 continue
-            transforms = [transform_of(one) if has_body(one) else body.transform for one in lights]
-            masks = [mask_of(has_body(one), "opaque") for one in lights]
-            found[body] = Override(np.stack(transforms), None, None, np.array(masks, np.uint32))
+            transforms = [blocker_transform(one) if blocks_light(one) else blocker.transform for one in lights]
+            masks = [mask_of(blocks_light(one), "opaque") for one in lights]
+            found[blocker] = Override(np.stack(transforms), None, None, np.array(masks, np.uint32))
         return found
 
-    def _differing(self, overrides: WorldOverrides, bodies: Mapping[Instance, Override]) -> dict[Instance, Override]:
-        differing = {**self._surfaces, **bodies}
+    def _differing(self, overrides: WorldOverrides, blockers: Mapping[Instance, Override]) -> dict[Instance, Override]:
+        differing = {**self._surfaces, **blockers}
         for instance, transforms in overrides.transforms.current().items():
             differing[instance] = differing.get(instance, Override())._replace(transforms=transforms)
         return differing

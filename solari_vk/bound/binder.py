@@ -103,7 +103,7 @@ class SceneBinder:
 
     @property
     def instances(self) -> dict[int, Instance]:
-        """The instances and bodies of lights of the first scene by their rows, the shaders' indices, as of the latest
+        """The instances and blockers of lights of the first scene by their rows, the shaders' indices, as of the latest
         `update`."""
         return self.records.instances
 

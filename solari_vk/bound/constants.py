@@ -1,27 +1,51 @@
-"""Numbers in the scene's records that mean something to shaders."""
+"""Numbers in the scene's records that mean something to shaders, and the record of a material."""
 
 from __future__ import annotations
 
-from solari_vk.gpu.shaders.headers import constants
+from dataclasses import fields
 
+from solari_vk.gpu.shaders.headers import constants
+from solari_vk.scene.material import TEXTURES, Material
+
+# An index that points to nothing.
 NO_INDEX = 0xFFFFFFFF
-"""An index that points to nothing."""
-MESH_HAS_NORMALS, MESH_HAS_UVS, MESH_HAS_TANGENTS, MESH_HAS_SECOND_UVS, MESH_HAS_COLORS = 1, 2, 4, 8, 16
-"""Flags of a mesh record: which attributes its vertices have."""
-MATERIAL_DOUBLE_SIDED = 1
-"""The flag of a material record whose back side emits and is seen by the camera too."""
-MATERIAL_MASK, MATERIAL_BLEND = 2, 4
-"""Flags of a material record with such an alpha mode."""
-MATERIAL_SOLID, MATERIAL_WALL = 8, 16
-"""Flags of a material record that transmits light into a solid, and of thin glass that rays may pass straight."""
-MATERIAL_UNLIT = 32
-"""The flag of a material record whose emissive times its base color only cameras see."""
-WITHOUT_BLEND, WITHOUT_DISPERSION = 1, 2
-"""Flags of a world's lights: features of shaders that only other worlds have."""
-SCENE_MASK, BLENDED_MASK = 0x7F, 0x40
-"""The masks of rays through a scene, and through its blended instances alone: hidden ones have only the bit above."""
+
+# Flags of a mesh record: which attributes its vertices have.
+MESH_HAS_NORMALS = 1
+MESH_HAS_UVS = 2
+MESH_HAS_TANGENTS = 4
+MESH_HAS_SECOND_UVS = 8
+MESH_HAS_COLORS = 16
+
+# Flags of a material record.
+MATERIAL_DOUBLE_SIDED = 1  # its back side emits, and is seen by the camera too
+MATERIAL_MASK = 2  # the alpha mode
+MATERIAL_BLEND = 4  # the alpha mode
+MATERIAL_SOLID = 8  # transmits light into a solid
+MATERIAL_WALL = 16  # thin glass that rays may pass straight
+MATERIAL_UNLIT = 32  # only cameras see its emissive times its base color
+
+# Flags of a world's lights: features that other worlds of the same shaders have, and this one hasn't.
+WITHOUT_BLEND = 1
+WITHOUT_DISPERSION = 2
+
+# The masks of rays through a scene, and through its blended instances alone. The bit above is that of hidden instances.
+SCENE_MASK = 0x7F
+BLENDED_MASK = 0x40
+
+# `struct Material` of the shaders: the fields of `Material` that have a type in GLSL, by their own names. Textures are
+# indices into `textures`, or NO_INDEX.
+MATERIAL_FIELDS = {
+    **{field.name: field.metadata["glsl"] for field in fields(Material) if field.metadata.get("glsl")},
+    "absorption": "vec3",
+    "flags": "uint",
+}
+# Those that are numbers: fields or properties of a Material.
+MATERIAL_NUMBERS = tuple(name for name in MATERIAL_FIELDS if name not in TEXTURES and name != "flags")
 
 
 def glsl_header() -> str:
-    """All of them, by the same names."""
-    return constants(**{name: value for name, value in globals().items() if name.isupper()})
+    """All constants by the same names, and the struct."""
+    numbers = {name: value for name, value in globals().items() if name.isupper() and isinstance(value, int)}
+    struct = ["struct Material {", *(f"    {kind} {name};" for name, kind in MATERIAL_FIELDS.items()), "};"]
+    return "\n".join([constants(**numbers), *struct])

@@ -11,15 +11,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from solari_vk.bound.content import content_of
 from solari_vk.bound.features import Features
 from solari_vk.bound.mesh_parts import ADDRESSES, copy_of_positions, mesh_parts, pack_attributes
 from solari_vk.bound.mesh_structures import MeshStructures
 from solari_vk.bound.mesh_tensors import MeshTensors
-from solari_vk.bound.poses.posed_mesh import PosedMesh
-from solari_vk.bound.poses.scene_poses import ScenePoses
+from solari_vk.bound.posed_mesh import PosedMesh
+from solari_vk.bound.scene_poses import ScenePoses
 from solari_vk.bound.spatial_order import spatial_order
-from solari_vk.bound.table import Rows, Table
+from solari_vk.bound.table import Rows, Table, content_of
 from solari_vk.gpu.acceleration.blas import Blas
 from solari_vk.gpu.acceleration.geometry import TriangleGeometry
 from solari_vk.gpu.device.buffer import Buffer

@@ -11,13 +11,13 @@ from solari_vk.bound.constants import (
     MATERIAL_BLEND,
     MATERIAL_DOUBLE_SIDED,
     MATERIAL_MASK,
+    MATERIAL_NUMBERS,
     MATERIAL_SOLID,
     MATERIAL_UNLIT,
     MATERIAL_WALL,
     NO_INDEX,
 )
 from solari_vk.bound.features import Features
-from solari_vk.bound.material_record import NUMBERS
 from solari_vk.bound.material_tensors import MaterialTensors
 from solari_vk.bound.table import Rows, Table
 from solari_vk.bound.texture_table import TextureTable
@@ -152,7 +152,7 @@ class MaterialTable:
         self._features.note(material)
         row = self.rows[material]
         record = self.table.records[row]
-        for name in NUMBERS:
+        for name in MATERIAL_NUMBERS:
             if name not in tensors:
                 record[name] = material.relative_reflectance if name == "reflectance" else getattr(material, name)
         textures = self._textures_of[material]

@@ -7,14 +7,14 @@ from typing import Any
 
 import numpy as np
 
-from solari_vk.bound.material_record import TYPES
+from solari_vk.bound.constants import MATERIAL_FIELDS
 from solari_vk.bound.table import Rows, Table, upload
 from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.tensors.imports import DeviceTensor
 from solari_vk.gpu.tensors.port import LAST_INDEX, Dispatch, TensorPort
 from solari_vk.scene.material import LAYERS, LIMITS, Material
 
-COUNTS = {name: {"float": 1, "vec2": 2, "vec3": 3}[TYPES[name]] for name in Material._tensor_fields}
+COUNTS = {name: {"float": 1, "vec2": 2, "vec3": 3}[MATERIAL_FIELDS[name]] for name in Material._tensor_fields}
 # As `Number` of glsl/scene/tensors/materials.comp.
 NUMBER = np.dtype(
     [

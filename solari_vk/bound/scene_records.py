@@ -69,7 +69,7 @@ class SceneRecords:
 
     @property
     def instances(self) -> dict[int, Instance]:
-        """The instances and bodies of lights by their rows, the shaders' indices, as of the latest `write`."""
+        """The instances and blockers of lights by their rows, the shaders' indices, as of the latest `write`."""
         return {self.instance_rows[instance]: instance for instance in self._uses}
 
     @property
@@ -148,11 +148,11 @@ class SceneRecords:
             light.watch(self)
         else:
             light.unwatch(self)
-        body = self.lights.set_light(light, present)
-        if body is not None:
-            self._follow_instance(body)
-            # The list of lights has moved the body, which notified these records: that is applied already.
-            self._changed.pop(body, None)
+        blocker = self.lights.set_light(light, present)
+        if blocker is not None:
+            self._follow_instance(blocker)
+            # The list of lights has moved the blocker, which notified these records: that is applied already.
+            self._changed.pop(blocker, None)
 
     def _apply_camera(self, camera: Camera) -> None:
         self._records_change = True
@@ -210,7 +210,7 @@ class SceneRecords:
         """Add, update or remove the rows of an instance, and what it uses of the assets."""
         self.blended_changes += instance.alpha_mode == "blend"
         before = self._uses.get(instance)
-        if instance in self.scene.instances or instance in self.lights.bodies:
+        if instance in self.scene.instances or instance in self.lights.blockers:
             self._add_or_update(instance, before)
         elif before is not None:
             self._remove(instance)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Callable, Hashable, Iterable, Sequence
 from typing import Any, TypeVar
 
@@ -212,3 +213,13 @@ class Rows(dict[Key, int]):
         del self._users[key]
         self._free.append(self.pop(key))
         return True
+
+
+def content_of(*arrays: NDArray[Any] | None) -> bytes:
+    """A digest of the shapes, types and numbers of arrays, with None for those that there are not."""
+    found = hashlib.sha256()
+    for array in arrays:
+        found.update(b"-" if array is None else f"{array.dtype.str}{array.shape}".encode())
+        if array is not None:
+            found.update(np.ascontiguousarray(array).data.cast("B") if array.size else b"")
+    return found.digest()

@@ -7,8 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from solari_vk.bound.content import content_of
-from solari_vk.bound.table import Rows, Table
+from solari_vk.bound.table import Rows, Table, content_of
 from solari_vk.bound.texture_tensors import DTYPES, TextureTensors
 from solari_vk.gpu.device import raw
 from solari_vk.gpu.device.device import Device

@@ -89,7 +89,7 @@ LARGEST_OPTICAL_DEPTH = 30.0  # of an attenuation color of 0 after the attenuati
 
 
 # Each field of a material is stated once: its default, its range, and by `glsl` the type that it has on the device,
-# where solari_vk/bound/material_record.py puts all that have one.
+# where solari_vk/bound/constants.py puts all that have one.
 
 
 def _number(default: float, low: float, high: float, unit: str = "", glsl: str = "float") -> Any:

@@ -7,8 +7,8 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from solari_vk.bound.lights.alias_table import alias_table, alias_tables
-from solari_vk.bound.lights.choice_weights import EQUAL_SHARE, PORTAL_SHARE, choice_weights, choice_weights_by_kind
 from solari_vk.bound.lights.light_kinds import KIND_INDEX
+from solari_vk.bound.lights.light_leaves import EQUAL_SHARE, PORTAL_SHARE, choice_weights, choice_weights_by_kind
 
 CHOICE = np.dtype([("threshold", "<u4"), ("alias", "<u4"), ("probability", "<f4")])
 WEIGHTS = st.just(0.0) | st.floats(1e-30, 1e30) | st.floats(0.5, 1)

@@ -23,9 +23,8 @@ from support.statistics import measure_mean, measure_picture_tiles, measure_tile
 import solari_vk as sv
 from solari_vk.base.errors import SolariError
 from solari_vk.bound.binder import SceneBinder
-from solari_vk.bound.constants import MATERIAL_SOLID, NO_INDEX
+from solari_vk.bound.constants import MATERIAL_FIELDS, MATERIAL_SOLID, NO_INDEX
 from solari_vk.bound.features import LOBES
-from solari_vk.bound.material_record import TYPES
 from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.frame.frame import Draw, Pass, Step
 from solari_vk.gpu.shaders.compiler import compile_shader, roots
@@ -442,7 +441,7 @@ def frames_of_known_light(device, scene, file, function, body, passes, **setting
 # brdf.comp of tests/proofs/brdf computes samples, values or albedos of materials for given directions.
 _NUMPY = {"float": ("<f4", ()), "vec2": ("<f4", 2), "vec3": ("<f4", 3), "uint": ("<u4", ())}
 MATERIAL_RECORD = np.dtype(
-    [(name, *_NUMPY[kind]) for name, kind in TYPES.items()]
+    [(name, *_NUMPY[kind]) for name, kind in MATERIAL_FIELDS.items()]
     + [("inside", "<u4"), ("coat_normal", "<f4", 3), ("anisotropy_direction", "<f4", 2)]
 )
 WITHOUT_LOBES = {

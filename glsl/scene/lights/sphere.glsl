@@ -1,5 +1,5 @@
 // Lights that are spheres: points and spots with a radius. They are no geometry: rays take up their light and go on. A
-// light that is to cast shadows has an opaque ball just below its surface (solari_vk/bound/lights/bodies.py). A light
+// light that is to cast shadows has an opaque ball just below its surface (solari_vk/bound/lights/blockers.py). A light
 // sample is stored as a point of the unit sphere, independently of receivers; for each receiver it is mapped uniformly
 // to the cone of directions in which that sees the sphere: Shirley, Wang and Zimmerman, "Monte Carlo Techniques for
 // Direct Lighting Calculations" (1996).

@@ -6,10 +6,9 @@ from typing import Any
 
 import numpy as np
 
-from solari_vk.bound.content import content_of
 from solari_vk.bound.lights.emissive_meshes import ONE_PART
 from solari_vk.bound.lights.environment_buffers import EnvironmentBuffers
-from solari_vk.bound.table import Rows
+from solari_vk.bound.table import Rows, content_of
 from solari_vk.gpu.device.device import Device
 from solari_vk.scene.lights.environment import EnvironmentLight
 from solari_vk.scene.lights.light import Light

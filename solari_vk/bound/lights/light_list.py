@@ -12,13 +12,12 @@ from numpy.typing import NDArray
 
 from solari_vk.bound.constants import NO_INDEX
 from solari_vk.bound.lights import light_kinds
-from solari_vk.bound.lights.bodies import Bodies
-from solari_vk.bound.lights.choice_weights import choice_weights_by_kind
+from solari_vk.bound.lights.blockers import Blockers
 from solari_vk.bound.lights.clusters import ClusterBoxes
 from solari_vk.bound.lights.emissive_meshes import ONE_PART, Emission
 from solari_vk.bound.lights.light_data import LightData, SharedBuffers, data_of
 from solari_vk.bound.lights.light_kinds import AT_INFINITY, BEYOND, KIND_INDEX, PASSED, PLACES, LightKind, kind_of
-from solari_vk.bound.lights.light_leaves import LightLeaves
+from solari_vk.bound.lights.light_leaves import LightLeaves, choice_weights_by_kind
 from solari_vk.bound.lights.portal_maps import PortalMaps
 from solari_vk.bound.table import HostTable, MakeTable, Table
 from solari_vk.gpu.device.device import Device
@@ -37,7 +36,7 @@ class LightList:
     lights follow. When lights are added or removed, all rows are uploaded; when they change their power, the leaves of
     all, whose probabilities change. When lights move, only their records and nodes of the tree are.
 
-    data: for a list in the host's memory alone: the data of its maker, who has bodies too, or what scenes share of it.
+    data: for a list in the host's memory alone: the data of its maker, who has blockers too, or what scenes share.
     """
 
     def __init__(self, device: Device, layout: dict[str, Any], data: LightData | SharedBuffers | None = None) -> None:
@@ -54,8 +53,8 @@ class LightList:
         """The emissive instances, in the order of their rows."""
         self._index: dict[Instance, int] = {}
         self._others: dict[LightKind, dict[Light, None]] = {kind: {} for kind in with_records}
-        self.bodies = Bodies()
-        self._has_bodies = not isinstance(data, LightData)
+        self.blockers = Blockers()
+        self._has_blockers = not isinstance(data, LightData)
         by_power = layout["light_leaves"]["by_power"]
         self.data = data if isinstance(data, LightData) else LightData(device, by_power, data)
         self._portal_maps = PortalMaps(device)
@@ -181,7 +180,7 @@ class LightList:
         self._changed |= not present
         if present and self.data.set(light, data_of(light)):
             self.renew(light)
-        return self.bodies.follow(light, present) if self._has_bodies else None
+        return self.blockers.update(light, present) if self._has_blockers else None
 
     def _set_place(self, index: int, position: Position, half_size: Position) -> None:
         if index >= len(self._emissive_places):

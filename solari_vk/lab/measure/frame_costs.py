@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from solari_vk.base.errors import SolariError
-from solari_vk.bound.poses.pose_commands import TIMED
+from solari_vk.bound.pose_commands import TIMED
 from solari_vk.gpu.device.device import Device
 from solari_vk.lab.measure.figures import device_seconds, seconds
 from solari_vk.lab.measure.frame_passes import Plan, Size, frame_times

@@ -19,8 +19,8 @@ from support.statistics import chi_squared_p, standard_deviations
 
 import solari_vk as sv
 from solari_vk.bound.constants import NO_INDEX
-from solari_vk.bound.lights.choice_weights import EQUAL_SHARE
 from solari_vk.bound.lights.light_kinds import KIND_INDEX
+from solari_vk.bound.lights.light_leaves import EQUAL_SHARE
 from solari_vk.bound.spatial_order import spatial_order
 from solari_vk.lab.shader_runner import ShaderRunner
 from solari_vk.scene import shapes

@@ -11,8 +11,8 @@ from support.frames import bound_scene
 from support.seeded_bugs import Bug, bug_tests, with_shaders
 
 import solari_vk as sv
-from solari_vk.bound.lights.choice_weights import EQUAL_SHARE
 from solari_vk.bound.lights.emissive_meshes import MIN_LUMINANCE
+from solari_vk.bound.lights.light_leaves import EQUAL_SHARE
 from solari_vk.bound.spatial_order import spatial_order
 from solari_vk.scene import shapes
 from solari_vk.scene.builtin import lamp, matte

@@ -12,7 +12,7 @@ from support.seeded_bugs import Bug, Measurement, Rule, bug_tests, require, with
 from support.statistics import standard_deviations
 
 import solari_vk as sv
-from solari_vk.bound.lights.choice_weights import PORTAL_SHARE
+from solari_vk.bound.lights.light_leaves import PORTAL_SHARE
 from solari_vk.scene.lights.environment import luminances
 from solari_vk.scene.matrices import rotation
 

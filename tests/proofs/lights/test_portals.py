@@ -26,7 +26,7 @@ from support.seeded_bugs import Bug, Measurement, Rule, bug_tests, require
 from support.statistics import assert_equal, compare, compare_picture, measure_mean
 
 import solari_vk as sv
-from solari_vk.bound.lights import choice_weights
+from solari_vk.bound.lights import light_leaves
 from solari_vk.lab.measure.portals import window_room
 from solari_vk.scene import shapes
 from solari_vk.scene.builtin import place, rgb
@@ -314,7 +314,7 @@ def test_edits_of_portals_and_environments_leave_the_picture(device):
 
 
 def test_outside_notices_a_larger_share(device, monkeypatch):
-    monkeypatch.setattr(choice_weights, "PORTAL_SHARE", 0.9)
+    monkeypatch.setattr(light_leaves, "PORTAL_SHARE", 0.9)
     with pytest.raises(AssertionError):
         require(measure_outside(device))
 

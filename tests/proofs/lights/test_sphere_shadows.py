@@ -12,7 +12,7 @@ from support.statistics import measure_mean, measure_picture_tiles
 
 import solari_vk as sv
 from solari_vk.base.errors import SolariError
-from solari_vk.bound.lights import bodies
+from solari_vk.bound.lights import blockers
 from solari_vk.scene import shapes
 from solari_vk.scene.builtin import matte
 
@@ -40,7 +40,7 @@ def test_the_shadow_has_the_spheres_outline(device):
 
 
 def test_the_outline_notices_small_balls(device, monkeypatch):
-    monkeypatch.setattr(bodies, "SHARE", 0.95)
+    monkeypatch.setattr(blockers, "SHARE", 0.95)
     with pytest.raises(AssertionError):
         test_the_shadow_has_the_spheres_outline(device)
 

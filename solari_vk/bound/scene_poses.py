@@ -20,9 +20,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from solari_vk.bound.poses.edited_mesh import EditedMesh
-from solari_vk.bound.poses.pose_commands import TIMED, PoseCommands
-from solari_vk.bound.poses.posed_mesh import PosedMesh
+from solari_vk.bound.pose_commands import TIMED, PoseCommands
+from solari_vk.bound.posed_mesh import EditedMesh, PosedMesh
 from solari_vk.bound.table import Table
 from solari_vk.gpu.acceleration.blas import Blas
 from solari_vk.gpu.acceleration.geometry import TriangleGeometry

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from solari_vk.bound.constants import MESH_HAS_NORMALS, MESH_HAS_TANGENTS, NO_INDEX
-from solari_vk.bound.poses.posed_mesh import PosedMesh
+from solari_vk.bound.posed_mesh import PosedMesh
 from solari_vk.bound.table import Table
 from solari_vk.gpu.acceleration.structure import clock, make_scratch, scratch_size
 from solari_vk.gpu.device import raw
