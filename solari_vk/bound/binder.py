@@ -175,13 +175,13 @@ class SceneBinder:
 
     def accept_tensors(self, item: TensorFields, fields: Mapping[str, Any]) -> dict[str, DeviceTensor] | None:
         """As of `Assets`; None for what emits light, which the host must know."""
-        if any(records.emissions.use(item) for records in self._scenes):
+        if any(records.emissions.depend_on(item) for records in self._scenes):
             return None
         return self.assets.accept_tensors(item, fields)
 
     def add_feature(self, item: Observable | LightTree) -> None:
         """Have shaders with what a world of a batch has in place of an object of the scene, or as its lights."""
-        self.assets.features.note(item)
+        self.assets.features.add_of(item)
         self._count_features()
 
     def use_single_hits(self, mesh: Mesh) -> bool:

@@ -30,7 +30,7 @@ class Feature:
 
     name: str
     source: type[Any]
-    held_by: Callable[[Any], bool]
+    is_in: Callable[[Any], bool]
     is_lobe: bool = False
     """Whether it is a lobe that few materials have, or several."""
     transmits: bool = False
@@ -81,16 +81,16 @@ class Features:
         """The constants that are true."""
 
     def add(self, constant: str) -> None:
-        """Take note of a feature by its constant."""
+        """Add a feature by its constant."""
         self.constants |= {constant}
 
-    def note(self, item: Any) -> None:
-        """Take note of what is new or has changed in a scene."""
-        self.constants |= {row.constant for row in FEATURES if isinstance(item, row.source) and row.held_by(item)}
+    def add_of(self, item: Any) -> None:
+        """Add those of an object that is new or has changed in a scene."""
+        self.constants |= {row.constant for row in FEATURES if isinstance(item, row.source) and row.is_in(item)}
 
 
 def _any_of(name: str, features: Iterable[Feature]) -> str:
-    # A copy of a specialization constant would keep its default.
+    # A macro, because a constant with the value of a specialization constant would keep its default.
     return f"#define SCENE_{name} ({' || '.join(feature.constant for feature in features)})"
 
 

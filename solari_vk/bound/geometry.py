@@ -173,7 +173,7 @@ class Geometry:
         try:
             with self._device.uploads() as uploads:
                 for mesh in self._to_upload:
-                    self._features.note(mesh)
+                    self._features.add_of(mesh)
                     before = self._uploaded.get(mesh, {}).get("positions")
                     geometries[mesh] = self._upload(mesh, uploads, revision)
                     if self._uploaded[mesh]["positions"] is not before:

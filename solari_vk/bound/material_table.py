@@ -133,7 +133,7 @@ class MaterialTable:
             # The host reads the tensors of a material that is new here.
             tensors = self._tensors.tensors_of(material) if material in self._written else {}
             if not tensors.keys().isdisjoint(LAYERS):
-                self._features.note(material)  # another renderer's shaders may have had layers before
+                self._features.add_of(material)  # another renderer's shaders may have had layers before
             if self._differs_by_tensors(material):
                 self._other_tensors.add(self.rows[material])
             else:
@@ -149,7 +149,7 @@ class MaterialTable:
 
     def _write(self, material: Material, tensors: Mapping[str, DeviceTensor]) -> None:
         """Write a record but for the fields that are tensors."""
-        self._features.note(material)
+        self._features.add_of(material)
         row = self.rows[material]
         record = self.table.records[row]
         for name in MATERIAL_NUMBERS:

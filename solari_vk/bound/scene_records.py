@@ -106,7 +106,7 @@ class SceneRecords:
         self._records_change = False
         self._update_instances()
         self.lights.update(self.traced.lit_area)
-        self._assets.features.note(self.lights.leaves.light_tree)
+        self._assets.features.add_of(self.lights.leaves.light_tree)
 
     def write_for_worlds(self) -> None:
         """Bring the records into the form that worlds of several scenes copy: in spatial order, and with the features
@@ -144,7 +144,7 @@ class SceneRecords:
         self._records_change = True
         present = light in self.scene.lights
         if present:
-            self._assets.features.note(light)
+            self._assets.features.add_of(light)
             light.watch(self)
         else:
             light.unwatch(self)
@@ -156,7 +156,7 @@ class SceneRecords:
 
     def _apply_camera(self, camera: Camera) -> None:
         self._records_change = True
-        self._assets.features.note(camera)
+        self._assets.features.add_of(camera)
 
     def _apply_material(self, material: Material) -> None:
         # Worlds of a batch have materials for instances that may have left the scene, and emitters of their own.
@@ -171,7 +171,7 @@ class SceneRecords:
         self.emissions.change(mesh)
         for instance in users:
             if self.lights.index(instance) is not None:
-                self.lights.renew(instance)
+                self.lights.renew_id(instance)
 
     def _apply_texture(self, texture: Texture) -> None:
         self.light_revision += 1
@@ -200,7 +200,7 @@ class SceneRecords:
     def _may_change_lights(self, item: TensorFields, field: str) -> bool:
         """Whether an edit of a mesh or an image may change the lights: a tensor on the device changes nothing of what
         the host knows, but for objects that emit."""
-        return not isinstance(item._stored(field), DeviceTensor) or self.emissions.use(item)
+        return not isinstance(item._stored(field), DeviceTensor) or self.emissions.depend_on(item)
 
     def _write_later(self, instances: Iterable[Instance]) -> None:
         """Have `write` write the records of these, if they are in the scene."""
@@ -222,7 +222,7 @@ class SceneRecords:
         shape = self._geometry.shape(instance.mesh, instance)
         ray_shape = shape if instance.ray_mesh is None else self._geometry.shape(instance.ray_mesh, instance)
         after = shape, ray_shape, instance.material
-        self._assets.features.note(instance)
+        self._assets.features.add_of(instance)
         if before is None and self.instance_rows.acquire(instance, None):
             instance.watch(self)
             self._last_id += 1
@@ -232,7 +232,7 @@ class SceneRecords:
         self._to_write[instance] = None
         if before != after:
             if before is not None and before[1] is not ray_shape and self.lights.index(instance) is not None:
-                self.lights.renew(instance)
+                self.lights.renew_id(instance)
             self._acquire(instance, *after)
             self._uses[instance] = after
 
@@ -262,7 +262,7 @@ class SceneRecords:
     def _add_alpha_features(self) -> None:
         for instance in self._to_write:
             if instance.alpha_mode != "opaque":
-                self._assets.features.note(instance)
+                self._assets.features.add_of(instance)
             if instance.alpha_mode == "blend":
                 self._geometry.use_single_hits(instance.ray_mesh or instance.mesh)
 

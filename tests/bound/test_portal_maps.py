@@ -45,24 +45,24 @@ def test_a_turn_leaves_the_luminance_of_images(monkeypatch):
     monkeypatch.setattr(portal_maps, "texel_means", lambda image: calls.append(1) or image.mean(axis=2, dtype=float))
     device, environment = FakeDevice(), sky()
     maps = portal_maps.PortalMaps(device)
-    assert maps.follow(PORTALS, [environment]) == PORTALS
+    assert maps.make(PORTALS, [environment]) == PORTALS
     before = [buffer.table for buffer in device.live]
     environment.rotation = 0.5
-    assert maps.follow(PORTALS, [environment]) == PORTALS
+    assert maps.make(PORTALS, [environment]) == PORTALS
     assert (len(calls), len(device.live)) == (1, 2)
     assert not any(np.array_equal(buffer.table, table) for buffer in device.live for table in before)
     environment.image = environment.image * np.float32(2)
-    maps.follow(PORTALS, [environment])
+    maps.make(PORTALS, [environment])
     assert len(calls) == 2
-    maps.follow([], [])
+    maps.make([], [])
     assert (device.live, maps._seen) == ([], {})
 
 
 def test_no_map_is_lost_when_memory_runs_out():
     device = FakeDevice(3)
     maps = portal_maps.PortalMaps(device)
-    maps.follow(PORTALS, [sky()])
+    maps.make(PORTALS, [sky()])
     with pytest.raises(DeviceError, match="out of memory"):
-        maps.follow(PORTALS, [sky(0.5)])
+        maps.make(PORTALS, [sky(0.5)])
     maps.destroy()
     assert device.live == []

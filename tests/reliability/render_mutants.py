@@ -98,7 +98,7 @@ def features_of(kind: str, folder: Path) -> frozenset[str]:
     folder.mkdir()
     scene, features = sv.load(open_subject(kind, folder).named), Features()
     for item in (*scene.lights, *(part for one in scene.instances for part in (one, one.mesh, one.material))):
-        features.note(item)
+        features.add_of(item)
     return features.constants | COMMON_FEATURES
 
 

@@ -33,30 +33,47 @@ def alias_tables(weights: NDArray[np.floating[Any]], starts: NDArray[np.int64], 
     if not len(weights):
         return rows
     counts = np.diff(starts, append=len(weights))
-    owner = np.repeat(np.arange(len(starts)), counts)
-    highest = np.maximum.reduceat(weights, starts)[owner]
-    shares = np.where(highest > 0, weights, 1.0) / np.where(highest > 0, highest, 1.0)  # so that sums are finite
-    shares *= (counts / np.add.reduceat(shares, starts))[owner]
-    # Each row holds a mass of 1. Rows with less are filled up by rows with more, one after the other.
-    heavy = shares >= np.minimum(1.0, np.maximum.reduceat(shares, starts))[owner]
-    givers, takers = np.flatnonzero(heavy), np.flatnonzero(~heavy)
-    given = np.cumsum(shares[givers] - 1)
-    taken = np.concatenate([[0.0], np.cumsum(1 - shares[takers])])
-    # Masses are equal at the end of each table, but for rounding.
-    giver_ends = np.cumsum(np.add.reduceat(heavy.astype(np.int64), starts))
-    first_givers, last_givers = np.concatenate([[0], giver_ends[:-1]]), giver_ends - 1
-    taker_ends = np.cumsum(counts) - giver_ends
-    kept, alias = shares.clip(max=1.0), np.arange(len(weights))
-    own = owner[takers]
-    found = np.searchsorted(given, taken[:-1], side="right").clip(first_givers[own], last_givers[own])
-    alias[takers] = givers[found]
-    # A giver that has given too much is filled up by the next one.
-    own = owner[givers]
-    kept[givers] = 1 + given - taken[np.searchsorted(taken, given).clip(max=taker_ends[own])]
-    alias[givers] = givers[np.minimum(np.arange(len(givers)) + 1, last_givers[own])]
+    table_of_row = np.repeat(np.arange(len(starts)), counts)
+    highest = np.maximum.reduceat(weights, starts)[table_of_row]
+    # Weights over the highest one, so that their sums are finite. Where all are 0, all rows are equally likely.
+    masses = np.where(highest > 0, weights, 1.0) / np.where(highest > 0, highest, 1.0)
+    # A row chooses itself with its mass up to 1, and its alias otherwise: the masses of a table must sum to its rows.
+    masses *= (counts / np.add.reduceat(masses, starts))[table_of_row]
+    own_mass, alias = _aliases(masses, starts, counts, table_of_row)
 
-    rows["threshold"] = np.rint(kept * _RANGE).clip(np.where(shares > 0, 1, 0), _RANGE - 1)
+    rows["threshold"] = np.rint(own_mass * _RANGE).clip(np.where(masses > 0, 1, 0), _RANGE - 1)
     rows["alias"] = alias
-    passed = np.where(alias == np.arange(len(weights)), 0.0, 1 - rows["threshold"] / _RANGE)
-    rows["probability"] = (1 - passed + np.bincount(alias, passed, len(weights))) / counts[owner]
+    # The probability that follows from the rounded thresholds: of the row itself, and of all rows whose alias it is.
+    passed_on = np.where(alias == np.arange(len(weights)), 0.0, 1 - rows["threshold"] / _RANGE)
+    rows["probability"] = (1 - passed_on + np.bincount(alias, passed_on, len(weights))) / counts[table_of_row]
     return rows
+
+
+def _aliases(
+    masses: NDArray[np.float64], starts: NDArray[np.int64], counts: NDArray[np.int64], table_of_row: NDArray[np.int64]
+) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    """How much of its mass each row keeps for itself, and which row it passes the rest on to, both (N,).
+
+    The sweep of Huebschle-Schneider and Sanders: light rows, with less than 1, are filled up by heavy ones, both in
+    their order, and a heavy row that has given more than it had is filled up by the next heavy one.
+    """
+    is_heavy = masses >= np.minimum(1.0, np.maximum.reduceat(masses, starts))[table_of_row]
+    heavy = np.flatnonzero(is_heavy)
+    light = np.flatnonzero(~is_heavy)
+    excess = np.cumsum(masses[heavy] - 1)
+    missing = np.concatenate([[0.0], np.cumsum(1 - masses[light])])
+    # Both sums are equal at the end of each table but for rounding, so that no row may have an alias in another table.
+    heavy_ends = np.cumsum(np.add.reduceat(is_heavy.astype(np.int64), starts))
+    first_heavy = np.concatenate([[0], heavy_ends[:-1]])
+    last_heavy = heavy_ends - 1
+    light_ends = np.cumsum(counts) - heavy_ends
+
+    own_mass = masses.clip(max=1.0)
+    alias = np.arange(len(masses))
+    table = table_of_row[light]
+    found = np.searchsorted(excess, missing[:-1], side="right").clip(first_heavy[table], last_heavy[table])
+    alias[light] = heavy[found]
+    table = table_of_row[heavy]
+    own_mass[heavy] = 1 + excess - missing[np.searchsorted(missing, excess).clip(max=light_ends[table])]
+    alias[heavy] = heavy[np.minimum(np.arange(len(heavy)) + 1, last_heavy[table])]
+    return own_mass, alias

@@ -1,7 +1,7 @@
 """Clusters of neighboring triangles of an emissive mesh: each is a leaf of the tree of lights.
 
 They are runs of the triangles' spatial order, in which surfaces stay together. Where most clusters would hold triangles
-far from each other, as those of lamps of two triangles each, clusters are smaller: in the end each triangle is one.
+far from each other, such as light panels of two triangles each, clusters are smaller: in the end each triangle is one.
 """
 
 from __future__ import annotations
@@ -19,23 +19,22 @@ from solari_vk.scene.model import Instance, Mesh
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]
+# Most triangles of a cluster. Larger clusters are chosen less well, smaller ones take more time and memory.
 LARGEST = 128
-"""Most triangles of a cluster. Larger ones are chosen less well, smaller ones take more time and memory."""
+# A mesh has at most as many clusters. They are halved as long as there are at most a quarter as many.
 MOST = 1 << 16
-"""A mesh has at most as many clusters. They are halved as long as there are at most a quarter as many."""
+# A cluster is sparse whose box has a surface of so many times the area of its triangles. Most boxes around pieces of
+# spheres have less.
 SPARSE = 8.0
-"""A cluster is sparse whose box has a surface of so many times the area of its triangles. Most boxes around pieces of
-spheres have less."""
 
 
 class _Parts(NamedTuple):
-    """The boxes (P, 2, 3) of what each joint moves of each cluster, one cluster's after the other's: where they start
-    (C,), their joints (P,), the number of joints for none, and the clusters that they belong to (P,)."""
+    """The boxes of what each joint moves of each cluster, one cluster's after the other's."""
 
-    boxes: Floats
-    starts: Indices
-    joints: Indices
-    clusters: Indices
+    boxes: Floats  # (P, 2, 3)
+    starts: Indices  # (C,): where each cluster's boxes begin
+    joints: Indices  # (P,): the joint that moves each box; the number of joints for none
+    clusters: Indices  # (P,): the cluster of each box
 
 
 class Clusters:
@@ -89,18 +88,23 @@ class Clusters:
         if deformation is None or deformation.joints is None or deformation.joint_weights is None:
             every = np.arange(count)
             return _Parts(self._rest, every, np.zeros(count, np.int64), every)
-        vertex_count, joint_count = len(self._mesh.positions), deformation.joint_count
-        owners = np.repeat(np.arange(count), 3 * self.sizes)
-        owners, vertices = np.divmod(np.unique(owners * vertex_count + self._triangles.reshape(-1)), vertex_count)
+        vertex_count = len(self._mesh.positions)
+        joint_count = deformation.joint_count
+        # The vertices of each cluster, each once.
+        clusters = np.repeat(np.arange(count), 3 * self.sizes)
+        clusters, vertices = np.divmod(np.unique(clusters * vertex_count + self._triangles.reshape(-1)), vertex_count)
+        # A row for each joint that moves a vertex, and one for a vertex that none moves.
         weights = deformation.joint_weights[vertices]
         moves: NDArray[np.bool_] = weights > 0
         joints = np.where(moves, deformation.joints[vertices], joint_count).astype(np.int64)
         rows, columns = np.nonzero(moves | ~moves.any(axis=1, keepdims=True))
-        keys = owners[rows] * (joint_count + 1) + joints[rows, columns]
+        # Sorted by cluster and joint, they become one box for each pair.
+        keys = clusters[rows] * (joint_count + 1) + joints[rows, columns]
         order = np.argsort(keys, kind="stable")
         found, starts = np.unique(keys[order], return_index=True)
         points = self._mesh.positions[vertices[rows[order]]].astype(np.float64)
-        low, high = np.minimum.reduceat(points, starts), np.maximum.reduceat(points, starts)
+        low = np.minimum.reduceat(points, starts)
+        high = np.maximum.reduceat(points, starts)
         clusters, moved_by = np.divmod(found, joint_count + 1)
         boxes = np.stack([low, high], axis=1)
         return _Parts(boxes, np.searchsorted(clusters, np.arange(count)), moved_by, clusters)
@@ -120,27 +124,30 @@ class ClusterBoxes:
     def __init__(self) -> None:
         self.of: dict[Instance, Clusters] = {}
         self.moved: dict[Instance, None] = {}
-        """Whose boxes were not taken yet."""
+        """Whose boxes `pop_moved` has not returned yet."""
         self._boxes: dict[Instance, Floats] = {}
 
     def set(self, instance: Instance, clusters: Clusters | None) -> tuple[bool, bool]:
-        """Take note of an instance as it is; returns whether its clusters are others, and whether they have moved."""
-        other = self.of.get(instance) is not clusters
-        if other:
-            for known in (self.of, self._boxes, self.moved):
-                known.pop(instance, None)
+        """Set the clusters of an instance as it is; returns whether they are others, and whether they have moved."""
+        are_others = self.of.get(instance) is not clusters
+        if are_others:
+            for of_instances in (self.of, self._boxes, self.moved):
+                of_instances.pop(instance, None)
         if clusters is None:
-            return other, False
+            return are_others, False
         boxes = clusters.boxes(instance.transform, instance.joint_matrices, instance.morph_weights)
-        moves = not np.array_equal(boxes, self._boxes.get(instance, ()))
-        if moves:
-            self.of[instance], self._boxes[instance], self.moved[instance] = clusters, boxes, None
-        return other, moves
+        have_moved = not np.array_equal(boxes, self._boxes.get(instance, ()))
+        if have_moved:
+            self.of[instance] = clusters
+            self._boxes[instance] = boxes
+            self.moved[instance] = None
+        return are_others, have_moved
 
-    def take_moved(self) -> list[tuple[Instance, Floats]]:
-        """The instances whose boxes were not taken yet, and these (C, 2, 3)."""
-        taken, self.moved = self.moved, {}
-        return [(instance, self._boxes[instance]) for instance in taken]
+    def pop_moved(self) -> list[tuple[Instance, Floats]]:
+        """The instances whose boxes are others since the latest call, and these (C, 2, 3)."""
+        moved = self.moved
+        self.moved = {}
+        return [(instance, self._boxes[instance]) for instance in moved]
 
 
 def _arrange(
@@ -150,7 +157,7 @@ def _arrange(
     count = len(triangles)
     starts, sizes, halvings = runs(count, LARGEST)
     while count >= 4 and len(starts) <= MOST // 4 and _are_sparse(positions, triangles, areas, starts):
-        if sizes.min() < 4:
+        if sizes.min() < 4:  # halves would have a single triangle
             return np.arange(count), np.ones(count, np.int64), NO_INDEX
         starts, sizes = halved(starts, sizes)
         halvings += 1

@@ -43,6 +43,7 @@ class Emission:
         if joint_matrices is None or self.joint_areas is None:
             return self.area
         count = len(self.joint_areas) - 1
+        # A joint that scales by s scales areas by s^2, and volumes by s^3, which is the determinant.
         scales = np.abs(np.linalg.det(joint_matrices[:count, :, :3])) ** (2 / 3)
         return float(self.joint_areas[:count] @ scales + self.joint_areas[count])
 
@@ -63,7 +64,9 @@ class Emissions:
 
     def acquire(self, instance: Instance, order: NDArray[np.int64]) -> Emission:
         """The emission of an instance; order: that of its ray mesh's triangles on the device."""
-        mesh, texture = key = (instance.ray_mesh or instance.mesh, instance.material.emissive_texture)
+        mesh = instance.ray_mesh or instance.mesh
+        texture = instance.material.emissive_texture
+        key = mesh, texture
         if self._key_of.get(instance) != key:
             self._users.acquire(key, instance)
             self.release(instance)
@@ -73,13 +76,13 @@ class Emissions:
         return self._emissions[key]
 
     def release(self, instance: Instance) -> None:
-        """Take note that an instance emits nothing any more."""
+        """Release the emission of an instance that emits nothing any more."""
         key = self._key_of.pop(instance, None)
         if key is not None and self._users.release(key, instance):
             self._drop(key)
 
     def change(self, changed: Mesh | Texture | TextureImage) -> list[Instance]:
-        """Take note of an edit; returns the instances whose emission must be acquired again."""
+        """Drop what depends on an edited object; returns the instances that must acquire their emission again."""
         users: list[Instance] = []
         for key in list(self._emissions):
             mesh, texture = key
@@ -88,7 +91,7 @@ class Emissions:
                 users += self._users.users(key)
         return users
 
-    def use(self, item: Observable) -> bool:
+    def depend_on(self, item: Observable) -> bool:
         """Whether an instance emits by the triangles of a mesh, or as an image says."""
         return not isinstance(item, Material) and any(
             mesh is item or (texture is not None and texture.image is item) for mesh, texture in self._users
@@ -103,7 +106,8 @@ class Emissions:
         triangles = mesh.triangles[order]
         a, b, c = (mesh.positions[corner].astype(np.float64) for corner in triangles.T)
         areas = np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2
-        weights, area = areas, float(areas.sum())
+        weights = areas
+        area = float(areas.sum())
         if texture is not None and area > 0:
             if texture.image not in self._sums:
                 self._sums[texture.image] = luminance_sums(texture.image)
@@ -114,7 +118,9 @@ class Emissions:
         joint_areas = _areas_by_joint(mesh, triangles, weights)
         if mesh.deformation is not None:  # which may enlarge triangles that are tiny in the rest pose
             weights = np.maximum(weights, MIN_LUMINANCE * weights.mean())
-        clusters, choices = Clusters(mesh, triangles, areas, weights), None
+        clusters = Clusters(mesh, triangles, areas, weights)
+        choices = None
+        # Without a table all triangles of a cluster are equally likely.
         if weights.max() > weights.min() * (1 + 1e-4) and len(clusters.starts) < len(triangles):
             table = alias_tables(weights, clusters.starts, self._row)
             with self._device.undone_on_error():

@@ -69,12 +69,14 @@ def texel_means(image: FloatArray) -> NDArray[np.float64]:
 
 def encode_texels(image: FloatArray) -> tuple[NDArray[np.uint32], float]:
     """The codes (height * width,) of an image as rgb9e5, and the radiance of a code for 1, a power of two."""
+    # One power of two for the whole image, so that its brightest texel uses the format's largest exponents.
     _, exponent = np.frexp(image.max())
     step = int(exponent) - 1 - _LARGEST_EXPONENT
     colors = np.ldexp(image.reshape(-1, 3), -step)
     largest = np.maximum(np.maximum(colors[:, 0], colors[:, 1]), colors[:, 2])
     _, exponents = np.frexp(largest)
     exponents = np.maximum(exponents + 15, 0)
+    # Where the largest channel would round up to 2^9, which has no 9 bits, the exponent is one higher.
     exponents += np.rint(np.ldexp(largest, 24 - exponents)) == 512
     mantissas = np.rint(np.ldexp(colors, (24 - exponents)[:, None])).astype(np.uint32)
     shifts = np.array((0, 9, 18), np.uint32)

@@ -99,28 +99,35 @@ class IndexTranslation:
         ids, powers, positions: of each row of `light_sources`. An array that is the same object as in the previous call
         is taken to be unchanged. cell_size: of the world cache, in meters.
         """
+        moves = positions is not self._positions
+        self._follow_change(ids, powers, positions, cell_size)
+        if ids is self._ids and self._is_identity and not moves and not self._replaced:
+            return False
+        self._reserve(max(len(ids), len(self._ids)))
+        current = translate(self._ids, ids)
+        previous = unmoved(ids, positions, self._ids, self._positions)
+        for name, values in zip(NAMES, (current, previous), strict=True):
+            if len(values):
+                self.buffers[name].upload(values)
+        self._is_identity = ids is self._ids and not moves
+        self._ids = ids
+        self._positions = positions
+        replaced = self._replaced
+        self._replaced = False
+        return replaced
+
+    def _follow_change(self, ids: Ids, powers: Powers, positions: Positions | None, cell_size: float) -> None:
+        """Measure how much of the light has changed since the previous frame."""
         self.newest = 0.0
         if powers is not self._powers:
             if self._powers is not None:
                 self.newest = share_changed(self._ids, self._powers, ids, powers)
             self._powers = powers
-        moves = positions is not self._positions
-        if moves and self._positions is not None and positions is not None:
+        if self._positions is not None and positions is not None and positions is not self._positions:
             moved = share_moved(self._ids, self._positions, ids, positions, powers, cell_size)
             self.newest = max(self.newest, moved)
         change = self.change * CHANGE_DECAY
         self.change = max(change if change > MIN_CHANGE else 0.0, self.newest)
-        if ids is self._ids and self._is_identity and not moves and not self._replaced:
-            return False
-        self._reserve(max(len(ids), len(self._ids)))
-        previous = unmoved(ids, positions, self._ids, self._positions)
-        for name, values in zip(NAMES, (translate(self._ids, ids), previous), strict=True):
-            if len(values):
-                self.buffers[name].upload(values)
-        self._is_identity = ids is self._ids and not moves
-        self._ids, self._positions = ids, positions
-        replaced, self._replaced = self._replaced, False
-        return replaced
 
     def _reserve(self, count: int) -> None:
         if self.buffers and 4 * count <= self.buffers[NAMES[0]].size:

@@ -44,9 +44,16 @@ from solari_vk.scene.lights.punctual import PointLight, PunctualLight, SpotLight
 from solari_vk.scene.matrices import unit
 from solari_vk.scene.model import DirectionalLight, Instance
 
-AT_SURFACES, NEVER, BEYOND, PASSED, AT_INFINITY = PLACES = "at surfaces", "never", "beyond", "passed", "at infinity"
-"""Where rays meet lights, in the order of the list of lights."""
-SHADOW_DISTANCE = 10.0  # meters from a light's shadows to what casts them, roughly: how far they move when it turns
+# Where rays meet lights.
+AT_SURFACES = "at surfaces"
+NEVER = "never"
+BEYOND = "beyond"
+PASSED = "passed"
+AT_INFINITY = "at infinity"
+# In the order of the list of lights, so that those of a place lie side by side.
+PLACES = (AT_SURFACES, NEVER, BEYOND, PASSED, AT_INFINITY)
+# Meters from a light's shadows to what casts them, roughly: how far shadows move when the light turns.
+SHADOW_DISTANCE = 10.0
 
 
 @dataclass(frozen=True)
@@ -87,15 +94,17 @@ def _directional_record(light: DirectionalLight) -> dict[str, Any]:
     return {
         "direction_to_light": -light.direction,
         "one_minus_cos_half_angle": one_minus_cos,
-        # Divided by the disk's cosine-weighted integral, pi sin^2, not by its solid angle: a surface that faces the
-        # light's center then receives the stated illuminance however wide the disk is.
+        # The illuminance is divided by the disk's cosine-weighted integral, pi sin^2, not by its solid angle: a surface
+        # that faces the light's center then receives the stated illuminance however wide the disk is.
         "radiance": light.color * (light.illuminance / (math.pi * math.sin(half_angle) ** 2)),
         "solid_angle": 2 * math.pi * one_minus_cos,
     }
 
 
 def _portal_record(light: Portal) -> dict[str, Any]:
-    u, v, normal = 2 * light.half_u.astype(np.float64), 2 * light.half_v.astype(np.float64), light.transform[:3, 2]
+    u = 2 * light.half_u.astype(np.float64)
+    v = 2 * light.half_v.astype(np.float64)
+    normal = light.transform[:3, 2]
     return {
         "corner": light.center - light.half_u - light.half_v,
         "side_u": u,
@@ -203,33 +212,38 @@ def kind_of(light: Any) -> LightKind:
 def glsl_header() -> str:
     """The generated header: LIGHT_*, the kinds' files, and functions that call those of a given kind."""
     every = list(LIGHT_KINDS)
-    met = {place: [kind for kind in LIGHT_KINDS if kind.met_by_rays == place] for place in PLACES}
-    places = [kind.met_by_rays for kind in LIGHT_KINDS]
     dependent = [kind for kind in LIGHT_KINDS if kind.depends_on_receiver]
-    masks = {
-        "KINDS_AT_INFINITY": sum(1 << i for i, place in enumerate(places) if place in (BEYOND, AT_INFINITY)),
-        "KINDS_HIT_BY_RAYS": sum(1 << i for i, place in enumerate(places) if place != NEVER),
-    }
+    # for_shadow_ray makes directions of samples at infinity before the function for shadow samples is called.
+    near = [kind for kind in dependent if kind.met_by_rays not in (BEYOND, AT_INFINITY)]
+    passed = " || ".join(_feature(kind) or "true" for kind in _met(PASSED))
     return "\n".join(
         [
             '#include "generated/bound/features.glsl"',
             headers.enumeration("LIGHT", [kind.name for kind in every]),
-            headers.constants(**masks),  # bit i says whether the kind i is one of them
-            # A copy of a specialization constant would keep its default.
-            f"#define HAS_PASS_THROUGH_LIGHTS ({' || '.join(_feature(kind) or 'true' for kind in met[PASSED])})",
+            headers.constants(KINDS_AT_INFINITY=_mask(BEYOND, AT_INFINITY)),
+            headers.constants(KINDS_HIT_BY_RAYS=_mask(AT_SURFACES, BEYOND, PASSED, AT_INFINITY)),
+            # A macro, because a constant with the value of a specialization constant would keep its default.
+            f"#define HAS_PASS_THROUGH_LIGHTS ({passed})",
             *(f'#include "scene/lights/{kind.name}.glsl"' for kind in every),
             _choose("ResolvedLightSample resolve_light", "uint part, vec2 u, float inverse_probability", every),
             _choose("float emission_cosine", "float cosine", every, argument="data"),
             _choose("uint debug_color_id", "", every),
-            _choose("LightHit evaluate_light", "vec3 direction", met[AT_INFINITY]),
-            _choose("LightHit intersect_light", "vec3 origin, vec3 direction, float t_max", met[PASSED]),
+            _choose("LightHit evaluate_light", "vec3 direction", _met(AT_INFINITY)),
+            _choose("LightHit intersect_light", "vec3 origin, vec3 direction, float t_max", _met(PASSED)),
             _for_receiver("light_sample", dependent),
-            # after for_shadow_ray, which makes a direction of what is at infinity
-            _for_receiver(
-                "shadow_sample", [kind for kind in dependent if kind.met_by_rays not in (BEYOND, AT_INFINITY)]
-            ),
+            _for_receiver("shadow_sample", near),
         ]
     )
+
+
+def _met(place: str) -> list[LightKind]:
+    """The kinds that rays meet there."""
+    return [kind for kind in LIGHT_KINDS if kind.met_by_rays == place]
+
+
+def _mask(*places: str) -> int:
+    """A number whose bit i says whether rays meet the kind i at one of these places."""
+    return sum(1 << index for index, kind in enumerate(LIGHT_KINDS) if kind.met_by_rays in places)
 
 
 def _is(kind: LightKind, value: str) -> str:
@@ -248,9 +262,10 @@ def _choose(function: str, parameters: str, kinds: list[LightKind], argument: st
     """A function `TYPE NAME(kind, argument, parameters)` that calls the kind's own."""
     own = function.split()[-1].removesuffix("_light")
     names = [argument, *(parameter.split()[-1] for parameter in parameters.split(", ") if parameter)]
+    # The last kind needs no condition. Kinds that are scene features come first, whose conditions say more.
+    in_order = sorted(kinds, key=lambda kind: "&&" not in _is(kind, "kind"))
     *lines, last = [
-        f"if ({_is(kind, 'kind')}) {{ return {own}_{kind.name}({', '.join(names)}); }}"
-        for kind in sorted(kinds, key=lambda kind: "&&" not in _is(kind, "kind"))  # the last one needs no condition
+        f"if ({_is(kind, 'kind')}) {{ return {own}_{kind.name}({', '.join(names)}); }}" for kind in in_order
     ]
     unconditional = last[last.index("return") : -2]
     declared = ", ".join(["uint kind", f"uint {argument}", *([parameters] if parameters else [])])

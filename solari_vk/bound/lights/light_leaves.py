@@ -16,12 +16,12 @@ from solari_vk.bound.lights.light_tree import LightTree
 from solari_vk.bound.table import MakeTable
 
 Floats = NDArray[np.float64]
+# The share of light samples that takes all lit lights with equal probability, for weak lights that are near and for
+# strong ones behind walls, such as the sun: no light is taken less than half as often as by either rule alone.
 EQUAL_SHARE = 0.5
-"""The share of light samples that takes all lit lights with equal probability, for weak lights that are near and for
-strong ones behind walls, such as the sun: no light is taken less than half as often as by either rule alone."""
+# The share of the light samples of environments that goes through portals: in rooms all should, elsewhere none, and
+# which receivers are in rooms isn't known. Samples of all other lights are as many as without portals.
 PORTAL_SHARE = 0.5
-"""The share of the light samples of environments that goes through portals: in rooms all should, elsewhere none, and
-which receivers are in rooms isn't known. Samples of all other lights are as many as without portals."""
 
 
 class LightLeaves:
@@ -46,17 +46,21 @@ class LightLeaves:
         self.count = int(counts.sum())
         self.firsts = np.cumsum(counts) - counts
         self._lights = np.repeat(np.arange(len(counts)), counts)
-        self._shares, self._bounds = np.ones(self.count), np.zeros((self.count, 2, 3))
+        self._shares = np.ones(self.count)
+        self._bounds = np.zeros((self.count, 2, 3))
         self._whole = self.firsts[counts == 1]
         self.table.reserve(self.count)
         records = self.table.records[: self.count]
-        records["light"], records["first_part"] = self._lights, 0
+        records["light"] = self._lights
+        records["first_part"] = 0
         records["part_count"] = part_counts[self._lights]
         for light in np.flatnonzero(counts > 1).tolist():
-            found, mine = clusters[light], self.leaves(light)
-            assert found is not None
-            records["first_part"][mine], records["part_count"][mine] = found.starts, found.sizes
-            self._shares[mine] = found.shares
+            of_light = clusters[light]
+            assert of_light is not None
+            leaves = self.leaves(light)
+            records["first_part"][leaves] = of_light.starts
+            records["part_count"][leaves] = of_light.sizes
+            self._shares[leaves] = of_light.shares
 
     def leaves(self, light: int) -> slice:
         """The leaves of a light."""
@@ -112,7 +116,8 @@ def choice_weights_by_kind(powers: NDArray[np.float64], kinds: NDArray[np.uint32
     """The same for lights of these kinds (N,), of which portals take their share from environments, by their power."""
     portal, environment = (kinds == KIND_INDEX[name] for name in ("portal", "environment"))
     weights = choice_weights(np.where(portal, 0.0, powers))
-    if (through := powers[portal].sum()) > 0:
+    through = powers[portal].sum()
+    if through > 0:
         weights[portal] = PORTAL_SHARE * weights[environment].sum() * powers[portal] / through
         weights[environment] *= 1 - PORTAL_SHARE
     return weights

@@ -36,7 +36,7 @@ class LightList:
     lights follow. When lights are added or removed, all rows are uploaded; when they change their power, the leaves of
     all, whose probabilities change. When lights move, only their records and nodes of the tree are.
 
-    data: for a list in the host's memory alone: the data of its maker, who has blockers too, or what scenes share.
+    data: for a list in the host's memory alone: the data of its maker, who has the blockers too, or what scenes share.
     """
 
     def __init__(self, device: Device, layout: dict[str, Any], data: LightData | SharedBuffers | None = None) -> None:
@@ -58,28 +58,27 @@ class LightList:
         by_power = layout["light_leaves"]["by_power"]
         self.data = data if isinstance(data, LightData) else LightData(device, by_power, data)
         self._portal_maps = PortalMaps(device)
-        self._edited: dict[Light, LightKind] = {}
-        self._changed = True
-        self._id_of: dict[Instance | Light, int] = {}
-        self._last_id = 0
+        # Arrays over the rows of `sources`. Each change makes a new array, so that readers see changes by identity.
         self.ids: NDArray[np.uint32] = np.zeros(0, np.uint32)
-        """For each row of `sources` a number that stays with the light and is never used again. Each change of the list
-        makes a new array."""
-        self._power_of: dict[Instance | Light, float] = {}
-        self._powers_changed = True
+        """For each row a number that stays with the light and is never used again."""
         self.powers: NDArray[np.float64] = np.zeros(0)
-        """Luminous flux of each row of `sources` in lumens, roughly. Each change makes a new array."""
+        """Luminous flux of each row in lumens, roughly."""
         self.emitted: NDArray[np.float64] = np.zeros(0)
         """The same without portals, whose light is that of environments."""
         self.places: NDArray[np.float64] = np.zeros((0, 3))
-        """The centers of the lights that aren't at infinity, the first rows, in meters. Each change makes a new
-        array."""
-        self._emissive_places = np.zeros((16, 2, 3))  # center, and half of the size of bounds
-        self._clusters = ClusterBoxes()
-        self._positions_changed = True
+        """The centers of the lights that aren't at infinity, which are the first rows, in meters."""
         self.positions: NDArray[np.float64] = np.zeros((0, 3))
-        """A point of each row of `sources`, (N, 3) in meters, that moves with the light. Each change makes a new
-        array."""
+        """A point of each row, (N, 3) in meters, that moves with the light."""
+        self._id_of: dict[Instance | Light, int] = {}
+        self._last_id = 0
+        self._power_of: dict[Instance | Light, float] = {}
+        self._emissive_boxes = np.zeros((16, 2, 3))  # center, and half of the size of bounds
+        self._clusters = ClusterBoxes()
+        # What has changed since the latest `update`.
+        self._edited: dict[Light, LightKind] = {}
+        self._changed = True  # the lights, their order or what samples on them mean
+        self._powers_changed = True
+        self._positions_changed = True
 
     @property
     def tables(self) -> tuple[Any, ...]:
@@ -104,6 +103,8 @@ class LightList:
         """An instance's row in `sources`, None if it is no light."""
         return self._index.get(instance)
 
+    # ---- changes of lights --------------------------------------------------------------------------
+
     def set_emissive(
         self,
         instance: Instance,
@@ -119,129 +120,140 @@ class LightList:
         area: of the instance's surface in the world, in square meters, times its emissive texture's mean luminance.
         position: of the center of its bounds. half_size: half of the bounds' size.
         """
+        are_others, have_moved = self._clusters.set(instance, None if emission is None else emission.clusters)
+        self._changed |= are_others
+        self._positions_changed |= have_moved
+        if emission is None:
+            return self._remove_emissive(instance)
+        self._set_power(instance, self._mesh_kind.power(instance, area))
         index = self._index.get(instance)
-        other, moved = self._clusters.set(instance, None if emission is None else emission.clusters)
-        self._changed |= other
-        self._positions_changed |= moved
-        if emission is not None:
-            self._set_power(instance, self._mesh_kind.power(instance, area))
-            if index is None:
-                index = self._index[instance] = len(self.emissive)
-                self.emissive.append(instance)
-                self.renew(instance)
-            self.sources.reserve(index + 1)
-            self._write_source(index, self._mesh_kind, row, emission)
-            self._set_place(index, position, half_size)
-            return None
+        if index is None:
+            index = len(self.emissive)
+            self._index[instance] = index
+            self.emissive.append(instance)
+            self.renew_id(instance)
+        self.sources.reserve(index + 1)
+        self._write_source(index, self._mesh_kind, row, emission)
+        self._set_box(index, position, half_size)
+        return None
+
+    def _remove_emissive(self, instance: Instance) -> Instance | None:
+        """Remove an instance. Returns the last one if that takes its place, so that no other row moves."""
+        index = self._index.pop(instance, None)
         if index is None:
             return None
-        self._changed = self._positions_changed = self._powers_changed = True
-        del self._index[instance], self._id_of[instance], self._power_of[instance]
+        self._changed = True
+        self._positions_changed = True
+        self._powers_changed = True
+        del self._id_of[instance], self._power_of[instance]
         last = self.emissive.pop()
         if last is instance:
             return None
         self.emissive[index] = last
-        self._emissive_places[index] = self._emissive_places[len(self.emissive)]
         self._index[last] = index
+        self._emissive_boxes[index] = self._emissive_boxes[len(self.emissive)]
         self.sources.records[index] = self.sources.records[len(self.emissive)]
         self.sources.mark([index])
         return last
 
-    def _write_source(self, row: int, kind: LightKind, index: int, emission: Emission = ONE_PART) -> None:
-        """Write a row without its probability."""
-        record = self.sources.records[row]
-        record["kind"], record["record_index"] = self._index_of_kind[kind], index
-        record["part_count"] = emission.triangle_count
-        record["parts"] = 0 if emission.choices is None else emission.choices.address
-        record["halvings"] = 0 if emission.clusters is None else emission.clusters.halvings
-        self.sources.mark([row])
+    def set_light(self, light: Light, present: bool) -> Instance | None:
+        """Add, update or remove a light that is no instance; returns its blocker, if it has or had one."""
+        kind = kind_of(light)
+        for other, listed in self._others.items():
+            if other is not kind or not present:
+                listed.pop(light, None)
+        if not present:
+            for of_lights in (self._id_of, self._power_of, self._edited):
+                of_lights.pop(light, None)
+            self.data.set(light, None)
+            self._changed = True
+        elif light not in self._others[kind]:
+            self._others[kind][light] = None
+            self.renew_id(light)
+        else:
+            self._edited[light] = kind
+        if present and self.data.set(light, data_of(light)):
+            self.renew_id(light)
+        return self.blockers.update(light, present) if self._has_blockers else None
 
-    def renew(self, light: Instance | Light) -> None:
+    def renew_id(self, light: Instance | Light) -> None:
         """Give a light another id, because what was sampled on it, such as a triangle, has another meaning now."""
         self._last_id += 1
         self._id_of[light] = self._last_id
         self._changed = True
 
-    def set_light(self, light: Light, present: bool) -> Instance | None:
-        """Add, update or remove a light that is no instance; returns its body, if it has or had one."""
-        own = kind_of(light)
-        for kind, listed in self._others.items():
-            if kind is not own or not present:
-                listed.pop(light, None)
-        if not present:
-            for known in (self._id_of, self._power_of, self._edited):
-                known.pop(light, None)
-            self.data.set(light, None)
-        elif light not in self._others[own]:
-            self._others[own][light] = None
-            self.renew(light)
-        else:
-            self._edited[light] = own
-        self._changed |= not present
-        if present and self.data.set(light, data_of(light)):
-            self.renew(light)
-        return self.blockers.update(light, present) if self._has_blockers else None
-
-    def _set_place(self, index: int, position: Position, half_size: Position) -> None:
-        if index >= len(self._emissive_places):
-            self._emissive_places = np.concatenate([self._emissive_places, np.zeros((index + 1, 2, 3))])
-        if self._emissive_places[index].tolist() != [[*position], [*half_size]]:
-            self._emissive_places[index] = position, half_size
+    def _set_box(self, index: int, position: Position, half_size: Position) -> None:
+        if index >= len(self._emissive_boxes):
+            self._emissive_boxes = np.concatenate([self._emissive_boxes, np.zeros((index + 1, 2, 3))])
+        if self._emissive_boxes[index].tolist() != [[*position], [*half_size]]:
+            self._emissive_boxes[index] = position, half_size
             self._positions_changed = True
 
     def _set_power(self, light: Instance | Light, power: float) -> None:
         known = self._power_of.get(light, 0.0)
         if not math.isclose(power, known, rel_tol=1e-5):  # turning an instance changes its area by rounding
             self._powers_changed = True
+        # A light that was dark was never sampled: what frames remember of it is of no use.
         if known == 0 < power and light in self._id_of:
-            self.renew(light)
+            self.renew_id(light)
         self._power_of[light] = power
+
+    # ---- an update, step by step ---------------------------------------------------------------------
 
     def update(self, lit_area: Callable[[], float]) -> None:
         """Update the arrays and tables after changes. lit_area(): the scene's cross-section, roughly, in m^2."""
         others = [(kind, light) for kind, lights in self._others.items() for light in lights]
-        if self._changed or any(isinstance(light, (Portal, EnvironmentLight)) for light in self._edited):
-            for portal in self._portal_maps.follow(self._of(Portal), self._of(EnvironmentLight)):
-                self._edited[portal] = kind_of(portal)
+        self._update_portals()
         self._update_edited(others, lit_area)
         if not (self._changed or self._powers_changed or self._positions_changed):
             return
-        places = self._emissive_places[: len(self.emissive)]
+        boxes = self._emissive_boxes[: len(self.emissive)]
         if self._changed or self._positions_changed:
-            moving = [kind.position(light) for kind, light in others if kind.position]
-            self.positions = np.concatenate([places[:, 0], np.reshape(moving, (-1, 3))])
+            points = [kind.position(light) for kind, light in others if kind.position]
+            self.positions = np.concatenate([boxes[:, 0], np.reshape(points, (-1, 3))])
             self._positions_changed = False
-        chosen_otherwise = self._changed or self._powers_changed
-        if chosen_otherwise:
-            self._update_choices(others, lit_area)
-        self._update_tree(places, others)
+        if self._changed and others:
+            for kind, light in others:
+                self._set_power(light, self._power(kind, light, lit_area))
+        if self._changed or self._powers_changed:
+            self._update_rows(others)
+        self._update_tree(boxes, others)
 
-    def _of(self, source: type[Any]) -> list[Any]:
+    def _update_portals(self) -> None:
+        """Have the maps of portals show the environments, whose light comes through them."""
+        edited = any(isinstance(light, (Portal, EnvironmentLight)) for light in self._edited)
+        if self._changed or edited:
+            for portal in self._portal_maps.make(self._lights_of(Portal), self._lights_of(EnvironmentLight)):
+                self._edited[portal] = kind_of(portal)
+
+    def _lights_of(self, source: type[Any]) -> list[Any]:
         return [light for lights in self._others.values() for light in lights if isinstance(light, source)]
 
-    def _lit(self, kind: LightKind, lit_area: Callable[[], float]) -> float:
-        """What the power of a light of a kind is computed with."""
+    def _power(self, kind: LightKind, light: Light, lit_area: Callable[[], float]) -> float:
+        """The power of a light, as its kind computes it from what it lights, or of a portal what it lets through."""
         if kind.met_by_rays == AT_INFINITY:
-            return lit_area()
-        return sum(light.flux for light in self._of(EnvironmentLight)) if kind.met_by_rays == BEYOND else 0.0
+            return kind.power(light, lit_area())
+        flux = 0.0
+        if kind.met_by_rays == BEYOND:
+            flux = sum(environment.flux for environment in self._lights_of(EnvironmentLight))
+        return kind.power(light, flux)
 
     def _update_edited(self, others: list[tuple[LightKind, Light]], lit_area: Callable[[], float]) -> None:
         """Write the records of edited lights, unless all are about to be written."""
-        follow = self._of(Portal) and any(isinstance(light, EnvironmentLight) for light in self._edited)
-        for kind, light in others if follow else [(kind, light) for light, kind in self._edited.items()]:
-            self._set_power(light, kind.power(light, self._lit(kind, lit_area)))
-        if self._edited and not self._changed:
+        edited = [(kind, light) for light, kind in self._edited.items()]
+        # An environment that was edited changes what portals let through.
+        through_portals = any(isinstance(light, EnvironmentLight) for light in self._edited) and self._lights_of(Portal)
+        for kind, light in others if through_portals else edited:
+            self._set_power(light, self._power(kind, light, lit_area))
+        if edited and not self._changed:
             index_of = {light: index for lights in self._others.values() for index, light in enumerate(lights)}
-            for light, kind in self._edited.items():
+            for kind, light in edited:
                 self._write_record(kind, index_of[light], light)
             self._positions_changed = True
         self._edited.clear()
 
-    def _update_choices(self, others: list[tuple[LightKind, Light]], lit_area: Callable[[], float]) -> None:
+    def _update_rows(self, others: list[tuple[LightKind, Light]]) -> None:
         """Update what depends on the lights' number, order and powers."""
-        if self._changed and others:
-            for kind, light in others:
-                self._set_power(light, kind.power(light, self._lit(kind, lit_area)))
         listed: list[Instance | Light] = [*self.emissive, *(light for _, light in others)]
         self.powers = np.fromiter((self._power_of[light] for light in listed), np.float64, len(listed))
         self._powers_changed = False
@@ -250,58 +262,75 @@ class LightList:
             self.ids = np.fromiter((self._id_of[light] for light in listed), np.uint32, len(listed))
             self._write_others(len(listed))
             sources = self.sources.records[: len(listed)]
-            self.leaves.arrange([*map(self._clusters.of.get, listed)], sources["part_count"])  # type: ignore[arg-type]
+            clusters = [self._clusters.of.get(light) for light in listed]  # type: ignore[arg-type]
+            self.leaves.arrange(clusters, sources["part_count"])
             sources["first_leaf"] = self.leaves.firsts
             self.sources.mark(range(len(listed)))
+            # The tree has the boxes of all clusters at other places now.
             self._clusters.moved = dict.fromkeys(self._clusters.of)
         kinds = self.sources.records["kind"][: len(listed)]
         self.emitted = np.where(kinds == KIND_INDEX["portal"], 0.0, self.powers)
         self.leaves.choose(choice_weights_by_kind(self.powers, kinds))
 
-    def _update_tree(self, places: NDArray[np.float64], others: list[tuple[LightKind, Light]]) -> None:
+    def _update_tree(self, emissive_boxes: NDArray[np.float64], others: list[tuple[LightKind, Light]]) -> None:
         """Update the tree over all lights but those at infinity."""
         info = self.info.records[0]
         finite = int(info["first_light_at_infinity"])
-        solid = [kind.bounds(light) for kind, light in others if kind.bounds]
-        emissive = places[:, :1] + places[:, 1:] * ((-1.0,), (1.0,))
-        bounds = np.concatenate([emissive, np.reshape(solid, (-1, 2, 3))])
+        of_others = [kind.bounds(light) for kind, light in others if kind.bounds]
+        # A box as its center and half its size becomes one as its min and max.
+        emissive = emissive_boxes[:, :1] + emissive_boxes[:, 1:] * ((-1.0,), (1.0,))
+        bounds = np.concatenate([emissive, np.reshape(of_others, (-1, 2, 3))])
         self.places = bounds.mean(axis=1)
-        boxes = {self._index[instance]: moved for instance, moved in self._clusters.take_moved()}
-        chance = self.leaves.follow(self.ids[:finite], bounds, self.powers[:finite], boxes)
+        moved = {self._index[instance]: boxes for instance, boxes in self._clusters.pop_moved()}
+        chance = self.leaves.follow(self.ids[:finite], bounds, self.powers[:finite], moved)
         part_counts = self.sources.records["part_count"][: len(self.powers)]
         info["part_count"] = min(int(part_counts.sum(dtype=np.int64)), NO_INDEX)
-        info["tree_probability"], info["leaf_count"] = chance, self.leaves.count
+        info["tree_probability"] = chance
+        info["leaf_count"] = self.leaves.count
         self.info.mark([0])
+
+    # ---- records ------------------------------------------------------------------------------------
+
+    def _write_source(self, row: int, kind: LightKind, index: int, emission: Emission = ONE_PART) -> None:
+        """Write a row without its probability."""
+        record = self.sources.records[row]
+        record["kind"] = self._index_of_kind[kind]
+        record["record_index"] = index
+        record["part_count"] = emission.triangle_count
+        record["parts"] = 0 if emission.choices is None else emission.choices.address
+        record["halvings"] = 0 if emission.clusters is None else emission.clusters.halvings
+        self.sources.mark([row])
 
     def _write_others(self, light_count: int) -> None:
         """Write the rows behind the emissive instances, the records of their kinds, and `scene_info`."""
         self.sources.reserve(light_count)
         row = len(self.emissive)
-        counts = {
-            place: sum(len(lights) for kind, lights in self._others.items() if kind.met_by_rays == place)
-            for place in (BEYOND, PASSED, AT_INFINITY)
-        }
-        first_at_infinity = light_count - counts[AT_INFINITY]
+        counts = dict.fromkeys(PLACES, 0)
         info = self.info.records[0]
         for kind, lights in self._others.items():
+            counts[kind.met_by_rays] += len(lights)
             self._records[kind].reserve(len(lights))
             if kind.source is EnvironmentLight:
                 info["first_environment"] = row
             for index, light in enumerate(lights):
-                found = self.data.get(light)
-                self._write_source(row, kind, index, found.emission if found else ONE_PART)
+                data = self.data.get(light)
+                self._write_source(row, kind, index, data.emission if data else ONE_PART)
                 self._write_record(kind, index, light)
                 row += 1
-        info["light_count"] = info["light_end"] = light_count
+        # The order of PLACES puts lights at infinity last, and before them those that rays pass.
+        first_at_infinity = light_count - counts[AT_INFINITY]
+        info["light_count"] = light_count
+        info["light_end"] = light_count
         info["first_light_at_infinity"] = first_at_infinity
         info["first_pass_through_light"] = first_at_infinity - counts[PASSED]
         info["first_portal"] = first_at_infinity - counts[PASSED] - counts[BEYOND]
         self.info.mark([0])
 
     def _write_record(self, kind: LightKind, index: int, light: Light) -> None:
-        table, found = self._records[kind], self.data.get(light)
-        own = self._portal_maps.get(light) or (found.record if found else {})
-        for field, value in (kind.record(light) | own).items():
+        table = self._records[kind]
+        data = self.data.get(light)
+        of_data = self._portal_maps.get(light) or (data.record if data else {})
+        for field, value in (kind.record(light) | of_data).items():
             table.records[index][field] = value
         table.mark([index])
 

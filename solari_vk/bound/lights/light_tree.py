@@ -16,12 +16,11 @@ from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]
+# Times that the lights of a node are halved, so that it has up to 8 children. A choice among several at once is better
+# than a row of choices between two, and takes no more time.
 HALVINGS = 3
-"""Times that the lights of a node are halved, so that it has up to 8 children. A choice among several at once is better
-than a row of choices between two, and takes no more time."""
-
+# A tree is built anew when lights have moved so far that the sum of its nodes' sizes has grown by this factor.
 MAX_GROWTH = 1.5
-"""A tree is built anew when lights have moved so far that the sum of its nodes' sizes has grown by this factor."""
 
 
 class LightTree:
@@ -56,7 +55,8 @@ class LightTree:
             if self._size() <= MAX_GROWTH * self._new_size:
                 return changed
         self.nodes, self.leaves = light_tree(bounds, powers, self.nodes.dtype)
-        self._ids, self._new_size = ids, self._size()
+        self._ids = ids
+        self._new_size = self._size()
         return np.arange(len(self.nodes), dtype=np.uint32)
 
     def _size(self) -> float:
@@ -66,20 +66,26 @@ class LightTree:
 def _refit(nodes: NDArray[Any], changed: NDArray[np.uint32]) -> NDArray[np.uint32]:
     """Compute all nodes above changed ones from their children, and return the indices of both."""
     found = [changed]
-    while len(changed := np.unique(nodes["parent"][changed[changed > 0]])):
+    while True:
+        # Level by level; the root, node 0, has no parent.
+        changed = np.unique(nodes["parent"][changed[changed > 0]])
+        if not len(changed):
+            return np.unique(np.concatenate(found))
+        # Nodes with fewer children than others repeat their first one, which changes no bounds.
         present = np.arange(2**HALVINGS) < nodes["child_count"][changed, None]
         children = nodes[nodes["first"][changed, None] + np.arange(2**HALVINGS) * present]
-        low, high = children["center"] - children["half_size"], children["center"] + children["half_size"]
+        low = children["center"] - children["half_size"]
+        high = children["center"] + children["half_size"]
         above = nodes[changed]
         _set_bounds(above, low.min(axis=1), high.max(axis=1))
         above["power"] = (children["power"] * present).sum(axis=1)
         nodes[changed] = above
         found.append(changed)
-    return np.unique(np.concatenate(found))
 
 
 def _set_bounds(nodes: NDArray[Any], low: NDArray[Any], high: NDArray[Any]) -> None:
-    nodes["center"], nodes["half_size"] = (low + high) / 2, (high - low) / 2
+    nodes["center"] = (low + high) / 2
+    nodes["half_size"] = (high - low) / 2
 
 
 def _shares(powers: Floats) -> Floats:
@@ -96,23 +102,33 @@ def light_tree(bounds: Floats, powers: Floats, record: np.dtype[Any]) -> tuple[N
     struct LightNode. All nodes of a level are made at once; `solari-vk bench` measures how long that takes.
     """
     count = len(powers)
-    nodes, leaves = np.zeros(2 * count, record), np.zeros(count, np.uint32)
-    shares, centers = _shares(powers), bounds.mean(axis=1)
-    # The lights of a level, node by node; where each node begins; and its index.
-    order, starts, level = np.arange(count), np.zeros(min(count, 1), np.int64), np.zeros(min(count, 1), np.int64)
+    nodes = np.zeros(2 * count, record)
+    leaves = np.zeros(count, np.uint32)
+    shares = _shares(powers)
+    centers = bounds.mean(axis=1)
+    # The lights of a level, node by node; where each node's lights begin; and the index of each node.
+    order = np.arange(count)
+    starts = np.zeros(min(count, 1), np.int64)
+    level = np.zeros(min(count, 1), np.int64)
     end = 1
     while len(order):
-        low, high = np.minimum.reduceat(bounds[order, 0], starts), np.maximum.reduceat(bounds[order, 1], starts)
-        nodes["center"][level], nodes["half_size"][level] = (low + high) / 2, (high - low) / 2
+        low = np.minimum.reduceat(bounds[order, 0], starts)
+        high = np.maximum.reduceat(bounds[order, 1], starts)
+        nodes["center"][level] = (low + high) / 2
+        nodes["half_size"][level] = (high - low) / 2
         nodes["power"][level] = np.add.reduceat(shares[order], starts)
         counts = np.diff(starts, append=len(order))
+        # A node with a single light is a leaf.
         single = counts == 1
         lights = order[starts[single]]
         nodes["first"][level[single]] = lights
         leaves[lights] = level[single]
 
-        order, counts, parents = order[np.repeat(~single, counts)], counts[~single], level[~single]
-        children = np.ones(len(counts), np.int64)
+        # The others are halved, and the halves are their children, which are the next level.
+        order = order[np.repeat(~single, counts)]
+        counts = counts[~single]
+        parents = level[~single]
+        children = np.ones(len(counts), np.int64)  # the number of each node's
         for _ in range(HALVINGS):
             order, counts, halves = _halve(order, counts, centers)
             owners = np.repeat(np.arange(len(children)), children)
@@ -120,7 +136,8 @@ def light_tree(bounds: Floats, powers: Floats, record: np.dtype[Any]) -> tuple[N
         level = np.arange(end, end + len(counts))
         end += len(level)
         starts = np.cumsum(counts) - counts
-        nodes["first"][parents], nodes["child_count"][parents] = level[np.cumsum(children) - children], children
+        nodes["first"][parents] = level[np.cumsum(children) - children]
+        nodes["child_count"][parents] = children
         nodes["parent"][level] = np.repeat(parents, children)
     return nodes[:end], leaves
 

@@ -21,8 +21,10 @@ from solari_vk.scene.lights.light import Light
 from solari_vk.scene.lights.portal import Portal
 
 Floats = NDArray[np.float64]
-LEAST_SIZE, LARGEST_SIZE = 64, 512  # texels along each side of a map: as many as the environment has rows
-_SUM = 2**31  # of a map's weights: floats still convert to such numbers
+# Texels along each side of a map: as many as the environment has rows.
+LEAST_SIZE = 64
+LARGEST_SIZE = 512
+_SUM = 2**31  # of a map's weights: shaders still convert floats to such numbers
 NO_MAP: dict[str, Any] = {"map": 0, "map_size": 0}
 
 
@@ -32,9 +34,13 @@ def radiance(luminance: Floats, directions: Floats) -> Floats:
     x, y, z = np.moveaxis(directions, -1, 0)
     column = width * (np.arctan2(z, x) / (2 * np.pi) + 0.5) - 0.5
     row = np.clip(height * np.arctan2(np.hypot(x, z), y) / np.pi - 0.5, 0, height - 1)
-    left, top = np.floor(column).astype(int), np.minimum(row.astype(int), max(height - 2, 0))
-    right, bottom = (left + 1) % width, np.minimum(top + 1, height - 1)
-    left, across, down = left % width, column - np.floor(column), row - top
+    first = np.floor(column).astype(int)
+    across = column - np.floor(column)
+    left = first % width
+    right = (first + 1) % width
+    top = np.minimum(row.astype(int), max(height - 2, 0))
+    bottom = np.minimum(top + 1, height - 1)
+    down = row - top
     upper = luminance[top, left] * (1 - across) + luminance[top, right] * across
     lower = luminance[bottom, left] * (1 - across) + luminance[bottom, right] * across
     found: Floats = upper * (1 - down) + lower * down
@@ -48,8 +54,10 @@ def rectified(environments: Sequence[tuple[EnvironmentLight, Floats]], axes: Flo
     along the normal; rows follow the second side.
     """
     size = max([LEAST_SIZE, *(len(pixels) for _, pixels in environments)])
+    # A coordinate c in (-1, 1) is the slope c / (1 - |c|), of which a texel covers the derivative.
     from_middle = (2 * np.arange(size) + 1) / size - 1
-    slopes, widths = from_middle / (1 - np.abs(from_middle)), 1 / (1 - np.abs(from_middle)) ** 2
+    slopes = from_middle / (1 - np.abs(from_middle))
+    widths = 1 / (1 - np.abs(from_middle)) ** 2
     sideways = slopes[None, :, None] * axes[0] + slopes[:, None, None] * axes[1]
     towards = np.stack([sideways + axes[2], sideways - axes[2]])
     lengths = np.linalg.norm(towards, axis=-1)
@@ -69,7 +77,9 @@ def summed_areas(weights: Floats) -> NDArray[np.uint32]:
     """The table (size + 1, size + 1) of the sums of weights (size, size) above and left of each corner, in whole
     numbers of which the largest is 2^31 at most. A texel with any light has at least 1."""
     table = np.zeros((len(weights) + 1, len(weights) + 1), np.uint64)
-    if (total := weights.sum()) > 0:
+    total = weights.sum()
+    if total > 0:
+        # Room for one more of each texel that has light, so that the sum stays within 2^31.
         whole = (weights * ((_SUM - weights.size) / total)).astype(np.uint64) + (weights > 0)
         table[1:, 1:] = whole.cumsum(axis=0).cumsum(axis=1)
     return table.astype(np.uint32)
@@ -89,30 +99,32 @@ class PortalMaps(dict[Light, dict[str, Any]]):
     def __init__(self, device: Device) -> None:
         super().__init__()
         self._device = device
-        self._made: dict[Any, Buffer] = {}
-        # The luminance of each environment's image, by its id, which isn't given away as long as the image is here.
-        self._seen: dict[int, tuple[Any, Floats]] = {}
+        self._maps: dict[Any, Buffer] = {}  # by the light and the directions that they were made from
+        # The luminance of each environment's image by its id, which no other object gets while the image is here.
+        self._luminances: dict[int, tuple[Any, Floats]] = {}
 
-    def follow(self, portals: Sequence[Portal], environments: Sequence[EnvironmentLight]) -> list[Portal]:
-        """Have the maps of these portals under these environments; returns the portals that have others now."""
+    def make(self, portals: Sequence[Portal], environments: Sequence[EnvironmentLight]) -> list[Portal]:
+        """Make the maps of these portals under these environments; returns the portals whose map is another now."""
         lit = [light for light in environments if light.emits] if portals else []
-        seen = {id(e.image): self._seen.get(id(e.image)) or (e.image, _luminance(e.image)) for e in lit}
-        self._seen |= seen
-        scale = lit[0].intensity if lit else 1.0
-        light = tuple((id(e.image), e.rotation.tobytes(), e.intensity / scale) for e in lit)
+        luminances = {id(light.image): self._luminance_of(light) for light in lit}
+        self._luminances |= luminances  # also where a map below can't be made
         axes = {portal: directions_of(portal) for portal in portals} if lit else {}
-        keys = {portal: (light, np.round(found, 5).tobytes()) for portal, found in axes.items()}
+        light_key = _light_key(lit)
+        keys = {portal: (light_key, np.round(found, 5).tobytes()) for portal, found in axes.items()}
         for portal, key in keys.items():
-            if key not in self._made:
-                self._made[key] = self._make([(e, seen[id(e.image)][1]) for e in lit], axes[portal])
-        for key in self._made.keys() - set(keys.values()):
-            self._made.pop(key).destroy()
-        self._seen = seen
+            if key not in self._maps:
+                self._maps[key] = self._make([(light, luminances[id(light.image)][1]) for light in lit], axes[portal])
+        for key in self._maps.keys() - set(keys.values()):
+            self._maps.pop(key).destroy()
+        self._luminances = luminances
         before = dict(self)
         self.clear()
         for portal in portals:
-            self[portal] = self._record(self._made[keys[portal]]) if lit else NO_MAP
+            self[portal] = self._record(self._maps[keys[portal]]) if lit else NO_MAP
         return [portal for portal in portals if self[portal] != before.get(portal)]
+
+    def _luminance_of(self, light: EnvironmentLight) -> tuple[Any, Floats]:
+        return self._luminances.get(id(light.image)) or (light.image, _luminance(light.image))
 
     def _make(self, lit: Sequence[tuple[EnvironmentLight, Floats]], axes: Floats) -> Buffer:
         table = np.stack([summed_areas(weights) for weights in rectified(lit, axes)])
@@ -130,6 +142,12 @@ class PortalMaps(dict[Light, dict[str, Any]]):
 
     def destroy(self) -> None:
         """Free the maps."""
-        for buffer in self._made.values():
+        for buffer in self._maps.values():
             buffer.destroy()
-        self._made = {}
+        self._maps = {}
+
+
+def _light_key(lit: Sequence[EnvironmentLight]) -> tuple[Any, ...]:
+    """What maps depend on of environments: maps hold light up to a factor, so that dimming all of them changes none."""
+    scale = lit[0].intensity if lit else 1.0
+    return tuple((id(light.image), light.rotation.tobytes(), light.intensity / scale) for light in lit)

@@ -11,15 +11,16 @@ from solari_vk.bound.constants import NO_INDEX
 from solari_vk.bound.lights.index_translation import CHANGE_DECAY, MIN_CHANGE, Ids, Positions, Powers, translate
 
 MOST = 8  # lights in the list: those that changed most
+# ChangedLight in glsl/passes/light_change.glsl.
 RECORD = np.dtype([("place", "<f4", 3), ("power", "<f4"), ("recent", "<f4")])
-"""ChangedLight in glsl/passes/light_change.glsl."""
-
-LISTED = 0.15  # change of power since a light was listed last, over the larger power, from which it is listed again
-STILL_CHANGING = CHANGE_DECAY**10  # `recent` of lights that are listed and change again: theirs is no new change
+# From this change of power on since a light was listed last, over the larger power, the light is listed again.
+LISTED = 0.15
+# A light whose `recent` is above this is changing all the time: another change of it is no new one.
+STILL_CHANGING = CHANGE_DECAY**10
 
 Records = NDArray[Any]
 Lists = tuple[Ids, Powers, Positions, Positions]
-"""Ids, powers, places and positions; a position, unlike a place, also moves when a lamp turns."""
+"""Ids, powers, places and positions; a position, unlike a place, also moves when a light turns."""
 
 
 def compare(old: Lists, new: Lists, cell_size: float) -> tuple[NDArray[np.uint64], Records, Powers]:
@@ -32,26 +33,31 @@ def compare(old: Lists, new: Lists, cell_size: float) -> tuple[NDArray[np.uint64
     A key is twice the light's id, and one more for the place that a light has left. Lights without power,
     such as portals, change nothing.
     """
-    (old_ids, old_powers, old_places, old_positions), (ids, powers, places, positions) = old, new
+    old_ids, old_powers, old_places, old_positions = old
+    ids, powers, places, positions = new
     rows = translate(old_ids, ids)
-    stayed = rows != NO_INDEX
-    kept = rows[stayed]
+    is_left = rows != NO_INDEX
+    left = rows[is_left]  # the new rows of the lights that are in both lists
     added = np.ones(len(ids), bool)
-    added[kept] = False
-    changes = np.abs(powers[kept] - old_powers[stayed])
-    differs = changes > LISTED * np.maximum(powers[kept], old_powers[stayed])
-    jumps = np.linalg.norm(positions[kept] - old_positions[stayed], axis=1) > cell_size
-    changes = np.where(jumps, powers[kept], changes)
+    added[left] = False
+
+    changes = np.abs(powers[left] - old_powers[is_left])
+    differs = changes > LISTED * np.maximum(powers[left], old_powers[is_left])
+    # A light that jumps takes all of its power from one place to the other.
+    jumps = np.linalg.norm(positions[left] - old_positions[is_left], axis=1) > cell_size
+    changes = np.where(jumps, powers[left], changes)
     differs |= jumps
-    gone = ~stayed
-    gone[np.flatnonzero(stayed)[jumps]] = True  # from where they were
+    gone = ~is_left
+    gone[np.flatnonzero(is_left)[jumps]] = True
+
+    # Slow changes add up: what isn't listed now is compared with the same power again in the next frame.
     listed_powers = np.array(powers)
-    listed_powers[kept[~differs]] = old_powers[stayed][~differs]
+    listed_powers[left[~differs]] = old_powers[is_left][~differs]
     records = np.zeros(np.count_nonzero(differs) + np.count_nonzero(added) + np.count_nonzero(gone), RECORD)
-    records["place"] = np.concatenate([places[kept[differs]], places[added], old_places[gone]])
+    records["place"] = np.concatenate([places[left[differs]], places[added], old_places[gone]])
     records["power"] = np.concatenate([changes[differs], powers[added], old_powers[gone]])
     records["recent"] = 1.0
-    here = 2 * np.concatenate([ids[kept[differs]], ids[added]]).astype(np.uint64)
+    here = 2 * np.concatenate([ids[left[differs]], ids[added]]).astype(np.uint64)
     keys = np.concatenate([here, 2 * old_ids[gone].astype(np.uint64) + 1])
     emits = records["power"] > 0
     return keys[emits], records[emits], listed_powers
@@ -61,7 +67,7 @@ class RecentChanges:
     """The lights that changed most in recent frames. Lights at infinity have no place and are left out."""
 
     def __init__(self) -> None:
-        self._seen: tuple[Any, ...] | None = None
+        self._seen: tuple[Any, ...] | None = None  # the arrays of the previous frame
         self._old: Lists | None = None
         self.clear()
 
@@ -78,7 +84,9 @@ class RecentChanges:
     def copy(self) -> RecentChanges:
         """Another list with the same changes."""
         made = RecentChanges()
-        made._seen, made._old, made._keys = self._seen, self._old, self._keys
+        made._seen = self._seen
+        made._old = self._old
+        made._keys = self._keys
         made._records = self._records.copy()
         return made
 
@@ -99,8 +107,8 @@ class RecentChanges:
             self._records["recent"] *= CHANGE_DECAY
             lasting = self._records["recent"] > MIN_CHANGE
             self._keys, self._records = self._keys[lasting], self._records[lasting]
-        given = ids, powers, places, positions
-        if self._seen is not None and all(a is b for a, b in zip(self._seen, given, strict=True)):
+        now = ids, powers, places, positions
+        if self._seen is not None and all(a is b for a, b in zip(self._seen, now, strict=True)):
             return
         count = len(places)
         new = ids[:count], powers[:count], places, positions[:count]
@@ -108,7 +116,8 @@ class RecentChanges:
             keys, records, listed_powers = compare(self._old, new, cell_size)
             self._add(keys, records)
             new = ids[:count], listed_powers, places, positions[:count]
-        self._seen, self._old = given, new
+        self._seen = now
+        self._old = new
 
     def _add(self, keys: NDArray[np.uint64], records: Records) -> None:
         """Add records; of a light, that of the largest change counts."""
@@ -121,7 +130,10 @@ class RecentChanges:
         self._keep_largest(other._keys, other._records)
 
     def _keep_largest(self, keys: NDArray[np.uint64], records: Records) -> None:
-        keys, records = np.concatenate([keys, self._keys]), np.concatenate([records, self._records])
+        keys = np.concatenate([keys, self._keys])
+        records = np.concatenate([records, self._records])
+        # Of each key the first record in the order of their size is the largest one.
         order = np.argsort(-records["power"] * records["recent"], kind="stable")
         first = np.sort(np.unique(keys[order], return_index=True)[1])[:MOST]
-        self._keys, self._records = keys[order][first], records[order][first]
+        self._keys = keys[order][first]
+        self._records = records[order][first]
