@@ -16,8 +16,8 @@ from solari_vk.bound.lights.recent_changes import MOST, RECORD, RecentChanges
 from solari_vk.gpu.device.buffer import Buffer
 from solari_vk.gpu.device.device import Device
 
+# ChangedLights in glsl/passes/light_change.glsl.
 WORLD = np.dtype([("count", "<u4"), ("at", RECORD, MOST), ("share", "<f4")])
-"""ChangedLights in glsl/passes/light_change.glsl."""
 
 
 class LightState(NamedTuple):
@@ -45,53 +45,55 @@ class LightChanges:
         """The same of recent frames; it decays."""
         self.is_still = True
         """Whether nothing has changed recently."""
-        self._seen: list[LightState] = []
+        self._previous: list[LightState] = []
         self._uploaded = False  # whether the buffer has the changes
         self._recent: list[RecentChanges] = []
 
-    def update(self, known: Sequence[LightState], cell_size: float) -> None:
-        """Compare with the lights of the previous frame. known: for each world, or one for all. cell_size: of the world
-        cache, in meters."""
-        if self.is_still and self._has_seen(known):
+    def update(self, states: Sequence[LightState], cell_size: float) -> None:
+        """Compare with the lights of the previous frame. states: for each world, or one for all. cell_size: of the
+        world cache, in meters."""
+        if self.is_still and self._are_previous(states):
             return
         self._uploaded = False
-        if not self._seen:
-            self._seen = [*known]
-            self._recent = [RecentChanges() for _ in known]
-        self._spread(len(known))
-        count = len(self._seen)
+        if not self._previous:
+            self._previous = [*states]
+            self._recent = [RecentChanges() for _ in states]
+        if len(states) > len(self._previous):
+            self._split(len(states))
+        count = len(self._previous)
         self.newest = np.zeros(count)
-        each = [*known] * (count // len(known))
-        for world, (before, now, recent) in enumerate(zip(self._seen, each, self._recent, strict=True)):
+        each = [*states] * (count // len(states))
+        for world, (before, now, recent) in enumerate(zip(self._previous, each, self._recent, strict=True)):
             if before is not now and any(a is not b for a, b in zip(before, now, strict=True)):
                 changed = share_changed(before.ids, before.powers, now.ids, now.powers)
                 moved = share_moved(before.ids, before.positions, now.ids, now.positions, now.powers, cell_size)
                 self.newest[world] = max(changed, moved)
             recent.update(now.ids, now.powers, now.places, now.positions, cell_size)
-        self._seen = [*known]
+        self._previous = [*states]
         change = self.change * CHANGE_DECAY
         self.change = np.maximum(np.where(change > MIN_CHANGE, change, 0.0), self.newest)
-        if len(known) < count:
+        if len(states) < count:
             self._join()
-        self._note_stillness()
+        self._update_stillness()
 
-    def _has_seen(self, known: Sequence[LightState]) -> bool:
-        """Whether these were the lights of the previous frame."""
-        return len(known) == len(self._seen) and all(map(is_, chain(*self._seen), chain(*known)))
+    def _are_previous(self, states: Sequence[LightState]) -> bool:
+        """Whether these were the lights of the previous frame. Their arrays are other objects after each change."""
+        return len(states) == len(self._previous) and all(map(is_, chain(*self._previous), chain(*states)))
 
-    def _note_stillness(self) -> None:
+    def _update_stillness(self) -> None:
         changes = self.change.any() or self.newest.any()
         self.is_still = not (changes or any(len(recent.records) for recent in self._recent))
 
-    def _spread(self, count: int) -> None:
+    def _split(self, count: int) -> None:
         """Go over from lights that worlds share to those of their own."""
-        if count > len(self._seen):
-            self.change, self._seen = np.repeat(self.change, count), self._seen * count
-            self._recent = [self._recent[0].copy() for _ in range(count)]
+        self.change = np.repeat(self.change, count)
+        self._previous = self._previous * count
+        self._recent = [self._recent[0].copy() for _ in range(count)]
 
     def _join(self) -> None:
         """Go back to lights that worlds share, with the largest changes of all worlds."""
-        self.newest, self.change = self.newest.max(keepdims=True), self.change.max(keepdims=True)
+        self.newest = self.newest.max(keepdims=True)
+        self.change = self.change.max(keepdims=True)
         first, *others = self._recent
         for other in others:
             first.merge(other)
@@ -99,10 +101,11 @@ class LightChanges:
 
     def clear(self) -> None:
         """Forget all changes so far."""
-        self.change, self._uploaded = np.zeros(len(self.change)), False
+        self.change = np.zeros(len(self.change))
+        self._uploaded = False
         for recent in self._recent:
             recent.clear()
-        self._note_stillness()
+        self._update_stillness()
 
     def upload(self) -> None:
         """Have the next submission see the changes."""

@@ -223,7 +223,7 @@ class SceneBinder:
             if self.tlas is not None and key in self._up_to_date:
                 self.tlas.rebuild()
         self._up_to_date.add(key)
-        self.assets.geometry.posed.note_seen(user, self.revision)
+        self.assets.geometry.posed.mark_seen(user, self.revision)
 
     def _apply_changes(self, user: Any) -> None:
         self._is_current = False

@@ -72,7 +72,7 @@ class Geometry:
         pose = instance.joint_matrices, instance.morph_weights  # which the mesh may no longer fit
         mesh.deformation.check(len(mesh.positions), *pose, instance.describe())
         shape = self._shapes.setdefault((mesh, instance), PosedMesh(mesh, instance))
-        self.posed.note(shape)
+        self.posed.follow_instance(shape)
         return shape
 
     def acquire(self, shape: Shape, user: Instance, *, traced: bool) -> None:
@@ -122,7 +122,7 @@ class Geometry:
         if mesh not in self.rows:
             return []
         self._to_upload[mesh] = None
-        if self.posed.renew(mesh):
+        if self.posed.free_poses_of(mesh):
             self.structures.kept = False
         return self.rows.users(mesh)
 

@@ -25,7 +25,8 @@ ADDRESSES = ("positions", "triangles", "attributes", "second_uvs", "colors")  # 
 
 def pack_attributes(mesh: Mesh, layout: np.dtype[Any]) -> tuple[int, NDArray[Any] | None]:
     """The flags of the attributes that a mesh has, and the attributes as records if there are any."""
-    flags, attributes = 0, np.zeros(len(mesh.positions), layout)
+    flags = 0
+    attributes = np.zeros(len(mesh.positions), layout)
     for flag, name, values in (
         (MESH_HAS_NORMALS, "normal", mesh.normals),
         (MESH_HAS_UVS, "uv", mesh.uvs),

@@ -19,8 +19,8 @@ from solari_vk.gpu.frame.kernel import Kernel
 from solari_vk.gpu.frame.stopwatch import Stopwatch
 from solari_vk.scene.matrices import by_columns
 
+# The parts of the device's work that `PoseCommands.stopwatch` times.
 TIMED = ("vertices", "structures")
-"""The parts of the device's work that `PoseCommands.stopwatch` times."""
 MAX_GROUPS = 65535  # in one dimension of a dispatch, on any device
 
 
@@ -54,7 +54,8 @@ class PoseCommands:
             matrices, weights = shape.pose
             self._work.records[number] = self._addresses(shape, base, source.address)
             record = self._work.records[number]
-            record["first_joint"], record["first_target"] = first_joint, first_target
+            record["first_joint"] = first_joint
+            record["first_target"] = first_target
             record["target_count"] = len(active)
             if matrices is None:
                 record["influence_count"] = 0
@@ -64,7 +65,8 @@ class PoseCommands:
                 first_joint = end
             if weights is not None:
                 targets = self._targets.records[first_target : first_target + len(active)]
-                targets["target"], targets["weight"] = active, weights[active]
+                targets["target"] = active
+                targets["weight"] = weights[active]
                 first_target += len(active)
         for table, count in zip(self.tables, (len(work), first_joint, first_target), strict=True):
             table.mark(range(count))
@@ -75,11 +77,13 @@ class PoseCommands:
         if key in shape.work:
             return shape.work[key]
         record = shape.work[key] = np.zeros((), self._work.records.dtype)
-        deformation, floats = shape.deformation, self._attributes.itemsize // 4
+        deformation = shape.deformation
         influences = 0 if deformation.joints is None else deformation.joints.size
+        # A target adds to each vertex 3 numbers for the position, the normal and the tangent, each if it has them.
         parts = [deformation.targets, deformation.target_normals, deformation.target_tangents]
-        before = np.cumsum([0] + [3 * (part is not None) for part in parts]).tolist()
-        flags, fields = int(base["flags"]), self._attributes.fields
+        begins = np.cumsum([0] + [0 if part is None else 3 for part in parts]).tolist()
+        flags = int(base["flags"])
+        fields = self._attributes.fields
         assert fields is not None
         values = {
             "rest_positions": base["positions"],
@@ -90,10 +94,10 @@ class PoseCommands:
             "attributes": shape.addresses[2],
             "vertex_count": len(shape.mesh.positions),
             "influence_count": 0 if deformation.joints is None else deformation.joints.shape[1],
-            "target_width": before[3],
-            "target_normal": before[1] if parts[1] is not None else 0,
-            "target_tangent": before[2] if parts[2] is not None else 0,
-            "attribute_width": floats,
+            "target_width": begins[3],
+            "target_normal": begins[1] if parts[1] is not None else 0,
+            "target_tangent": begins[2] if parts[2] is not None else 0,
+            "attribute_width": self._attributes.itemsize // 4,
             "normal": fields["normal"][1] // 4 if flags & MESH_HAS_NORMALS else NO_INDEX,
             "tangent": fields["tangent"][1] // 4 if flags & MESH_HAS_TANGENTS else NO_INDEX,
         }

@@ -14,9 +14,10 @@ from solari_vk.gpu.device.buffer import Buffer
 from solari_vk.scene.meshes.deformation import Deformation
 from solari_vk.scene.objects import Instance, Mesh
 
+# A BLAS is built anew after so many refits, each of which leaves its tree as it was grouped, and when the surface area
+# of the bounds has changed by this factor since the last build.
 MAX_REFITS = 32
 MAX_GROWTH = 1.5
-"""A BLAS is built anew when the surface area of the bounds has changed by this factor since the last build."""
 
 Pose = tuple[NDArray[np.float64] | None, NDArray[np.float64] | None]
 
@@ -30,7 +31,7 @@ class PosedMesh:
         self.pose: Pose = (None, None)
         """What its vertices are to show."""
         self.side = 0
-        """Which of the two positions and BLASes show the pose."""
+        """Which of the two positions and BLASes show the newest pose."""
         self.revisions = [-1, -1]
         """The revisions of the scene from which on the two poses are current; -1 for none."""
         self.copies: dict[int, Buffer] = {}
@@ -70,7 +71,8 @@ class PosedMesh:
 
     def revision_at(self, revision: float) -> int:
         """The revision of the latest known pose that is not newer than a revision; -1 if there is none."""
-        return max((known for known in (*self.revisions, *self.copies) if known <= revision), default=-1)
+        poses = (*self.revisions, *self.copies)
+        return max((pose for pose in poses if pose <= revision), default=-1)
 
     def address_at(self, revision: float) -> int | None:
         """The address of the positions at a revision, None if they aren't known."""
@@ -84,8 +86,12 @@ class PosedMesh:
         for owned in (self.buffer, *self.blases, *self.copies.values()):
             if owned is not None:
                 owned.destroy()
-        self.buffer, self.blases, self.built_area, self.copies = None, [], 0.0, {}
-        self.work, self.build_infos = {}, {}
+        self.buffer = None
+        self.blases = []
+        self.built_area = 0.0
+        self.copies = {}
+        self.work = {}
+        self.build_infos = {}
 
     def build_info(self, scratch: int, *, update: bool) -> raw.CData:
         """What the device is told of a build of the current side, or of its refit from the other one."""
@@ -111,17 +117,19 @@ class EditedMesh:
         self._earlier: dict[int, Buffer] = {}  # which begin with the positions, by their first revision
 
     def edit(self, buffer: Buffer, address: int, revision: int) -> None:
-        """Take note of other positions from a revision on. buffer: of the current ones, is owned from now on."""
+        """Have other positions from a revision on. buffer: of the positions so far, is owned from now on."""
         self._earlier[self.revision] = buffer
-        self.address, self.revision = address, revision
+        self.address = address
+        self.revision = revision
 
     def address_at(self, revision: float) -> int | None:
         """The address of the positions at a revision, None if they aren't known."""
-        known = {first: buffer.address for first, buffer in self._earlier.items()} | {self.revision: self.address}
-        return known.get(max((first for first in known if first <= revision), default=-1))
+        addresses = {first: buffer.address for first, buffer in self._earlier.items()}
+        addresses[self.revision] = self.address
+        return addresses.get(max((first for first in addresses if first <= revision), default=-1))
 
-    def keep(self, seen: Iterable[int]) -> None:
-        """Free the positions that were current at none of some revisions."""
+    def free_unseen(self, seen: Iterable[int]) -> None:
+        """Free the positions that were current at none of some revisions, which frames may ask for."""
         needed = {self.address_at(revision) for revision in seen}
         for first, buffer in list(self._earlier.items()):
             if buffer.address not in needed:
@@ -130,4 +138,4 @@ class EditedMesh:
 
     def destroy(self) -> None:
         """Free all earlier positions."""
-        self.keep(())
+        self.free_unseen(())

@@ -20,12 +20,13 @@ FIELDS = (
     "world_from_view", "view_from_world", "tan_half_fov", "near", "orthographic_range", "lens_radius", "focus_distance",
     "aperture_blades", "aperture_rotation", "size", "picture_size", "jitter", "principal_shift", "lens_offset", "lens",
 )  # fmt: skip
+# How far raster sees in parallel projections, in heights of the picture: further away depths would be too coarse.
 ORTHOGRAPHIC_RANGE = 4096.0
-"""How far raster sees in parallel projections, in heights of the picture: further away depths would be too coarse."""
 
 
 def jitters(count: int) -> list[tuple[float, float]]:
     """Sample positions in `count` successive frames, relative to the pixel's center, in pixels."""
+    # Halton's sequence, without its first point, which lies in a corner.
     return [(radical_inverse(index, 2) - 0.5, radical_inverse(index, 3) - 0.5) for index in range(1, count + 1)]
 
 
@@ -35,10 +36,14 @@ def lens_point(camera: Camera, number: int) -> tuple[float, float]:
     if not camera.aperture:
         return 0.0, 0.0
     u, v = (additive(number, step) for step in PLASTIC_STEPS)
-    blades, radius = camera.aperture_blades, camera.aperture / 2
+    blades = camera.aperture_blades
+    radius = camera.aperture / 2
     if not blades:
+        # A disk: the square root of a uniform number is the radius of a point that is uniform in area.
         return radius * math.sqrt(u) * math.cos(2 * math.pi * v), radius * math.sqrt(u) * math.sin(2 * math.pi * v)
-    blade, root = int(u * blades), math.sqrt(u * blades % 1)
+    # A regular polygon: a triangle between the middle and two corners, and a point of the triangle, uniform in area.
+    blade = int(u * blades)
+    root = math.sqrt(u * blades % 1)
     first, second = (2 * math.pi * (blade + more) / blades + camera.aperture_rotation for more in (0, 1))
     return (
         radius * root * ((1 - v) * math.cos(first) + v * math.cos(second)),
@@ -46,10 +51,11 @@ def lens_point(camera: Camera, number: int) -> tuple[float, float]:
     )
 
 
+# Between the numbers of the points of the lens, and of times of an exposure, of frames with successive seeds: a prime,
+# so that frames of different seeds seldom have the same numbers.
 SEED_STRIDE = 7919
-"""Between the numbers of the points of the lens, and of times of an exposure, of frames with successive seeds."""
+# The sample positions of pictures that aren't upscaled. The sequence repeats.
 JITTERS = jitters(32)
-"""The sample positions of pictures that aren't upscaled. The sequence repeats."""
 
 
 class Projection(NamedTuple):
@@ -93,40 +99,27 @@ class Projection(NamedTuple):
             return known
         (a, b, c, x), (d, e, f, y), (g, h, i, z), _ = camera.transform.tolist()
         # Axes of length 1, or depths would be in the camera's own units.
-        p, q, r = (math.sqrt(u * u + v * v + w * w) for u, v, w in ((a, d, g), (b, e, h), (c, f, i)))
-        a, d, g, b, e, h, c, f, i = a / p, d / p, g / p, b / q, e / q, h / q, c / r, f / r, i / r
+        right = _unit(a, d, g)
+        up = _unit(b, e, h)
+        back = _unit(c, f, i)
         # A row of the inverse is the cross product of the other two axes, over the volume of all three.
-        volume = a * (e * i - h * f) + d * (h * c - b * i) + g * (b * f - e * c)
-        j, k, m = (e * i - h * f) / volume, (h * c - b * i) / volume, (b * f - e * c) / volume
-        n, o, p = (f * g - i * d) / volume, (i * a - c * g) / volume, (c * d - f * a) / volume
-        q, r, s = (d * h - g * e) / volume, (g * b - a * h) / volume, (a * e - d * b) / volume
+        row = _cross(up, back)
+        volume = right[0] * row[0] + right[1] * row[1] + right[2] * row[2]
+        j, k, m = (number / volume for number in row)
+        n, o, p = (number / volume for number in _cross(back, right))
+        q, r, s = (number / volume for number in _cross(right, up))
         height = camera.orthographic_height
         lens = lens_of(camera, size)
         jitter_x, jitter_y = camera.jitter.tolist()
         center_x, center_y = camera.principal_point.tolist()
         shift = (0.5 - center_x) * size[0], (0.5 - center_y) * size[1]
+        inverse = (j, n, q, k, o, r, m, p, s)  # matrices of GLSL lie in memory column by column
         numbers = (
-            a,
-            d,
-            g,
-            b,
-            e,
-            h,
-            c,
-            f,
-            i,
-            x,
-            y,
-            z,
-            j,
-            n,
-            q,
-            k,
-            o,
-            r,
-            m,
-            p,
-            s,
+            *right,
+            *up,
+            *back,
+            *(x, y, z),
+            *inverse,
             -j * x - k * y - m * z,
             -n * x - o * y - p * z,
             -q * x - r * y - s * z,
@@ -142,6 +135,15 @@ class Projection(NamedTuple):
         return cls(source, numbers, (jitter_x, jitter_y), shift, found, camera.exposure)
 
 
+def _unit(x: float, y: float, z: float) -> tuple[float, float, float]:
+    length = math.sqrt(x * x + y * y + z * z)
+    return x / length, y / length, z / length
+
+
+def _cross(a: tuple[float, float, float], b: tuple[float, float, float]) -> tuple[float, float, float]:
+    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
+
+
 class CameraUniforms:
     """Writes a camera to the uniform blocks of a frame's shaders, frame by frame."""
 
@@ -149,7 +151,7 @@ class CameraUniforms:
         self._current = uniforms.writer("camera", FIELDS)
         self._previous = uniforms.writer("previous_camera", FIELDS)
         self._projection: Projection | None = None
-        self._latest: Numbers = ()
+        self._latest: Numbers = ()  # what `camera` has, for `previous_camera` of the next frame
 
     def write(
         self,

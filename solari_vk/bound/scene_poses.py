@@ -48,38 +48,41 @@ class ScenePoses:
         self._sources: dict[Mesh, Buffer] = {}  # influences and targets
         self._rows: dict[PosedMesh, tuple[int, bool]] = {}  # in `meshes`, and whether rays meet it
         self._changed: dict[PosedMesh, None] = {}
-        self._to_do: dict[PosedMesh, None] = {}  # whose vertices are to be computed by `submit`
+        self._to_compute: dict[PosedMesh, None] = {}  # whose vertices `submit` computes
         self._edited: dict[Mesh, EditedMesh] = {}
-        self._moving: dict[PosedMesh | EditedMesh, None] = {}  # whose previous positions are others than the positions
-        self._latest: dict[PosedMesh | EditedMesh, None] = {}  # those whose pose is the newest are last
-        self._seen: weakref.WeakKeyDictionary[Any, int] = weakref.WeakKeyDictionary()  # the latest revision, by user
+        # Whose records name previous positions that aren't the current ones.
+        self._moving: dict[PosedMesh | EditedMesh, None] = {}
+        # In the order of their latest changes, the newest last: frames look at the end of it alone.
+        self._by_change: dict[PosedMesh | EditedMesh, None] = {}
+        # The revision of each user's latest frame, to which the user's motion vectors point.
+        self._seen: weakref.WeakKeyDictionary[Any, int] = weakref.WeakKeyDictionary()
 
     def add(self, shape: PosedMesh, row: int, traced: bool) -> None:
         """Add a posed mesh with a row of its own, or another use of it."""
         _, was_traced = self._rows.get(shape, (row, False))
         self._rows[shape] = row, traced or was_traced
         if traced and not was_traced:
-            shape.destroy()  # a mesh that no ray met has no BLAS
+            shape.destroy()  # a mesh that no ray met has no BLAS, and is made anew with one
         if shape.buffer is None:
             self._changed[shape] = None
 
     def remove(self, shape: PosedMesh) -> None:
         """Remove a posed mesh."""
-        for known in (self._rows, self._changed, self._to_do, self._moving, self._latest):
-            known.pop(shape, None)
+        for shapes in (self._rows, self._changed, self._to_compute, self._moving, self._by_change):
+            shapes.pop(shape, None)
         shape.destroy()
         if not any(other.mesh is shape.mesh for other in self._rows) and shape.mesh in self._sources:
             self._sources.pop(shape.mesh).destroy()
 
-    def note(self, shape: PosedMesh) -> None:
-        """Take note of the pose of its instance, which may have changed."""
+    def follow_instance(self, shape: PosedMesh) -> None:
+        """Give a mesh the pose that its instance has now, which may have changed."""
         pose = shape.instance.joint_matrices, shape.instance.morph_weights
         if not all(map(_same, pose, shape.pose)):
             shape.pose = pose
             self._changed[shape] = None
 
-    def renew(self, mesh: Mesh) -> bool:
-        """Take note of an edit of a mesh; returns whether posed meshes were freed, which `update` makes anew."""
+    def free_poses_of(self, mesh: Mesh) -> bool:
+        """Free all poses of a mesh that was edited, which `update` makes anew; returns whether there were some."""
         found = [shape for shape in self._rows if shape.mesh is mesh]
         if mesh in self._sources:
             self._sources.pop(mesh).destroy()
@@ -107,18 +110,21 @@ class ScenePoses:
                     shape.destroy()
                     raise
                 shape.revisions = [-1, -1]
-            elif shape not in self._to_do:
-                self._keep_seen(shape)
+            elif shape not in self._to_compute:
+                # The newest pose becomes the previous one. The pose before is lost, unless a user needs it.
+                self._copy_seen(shape)
                 shape.side = 1 - shape.side
             shape.revisions[shape.side] = revision
-            self._latest.pop(shape, None)
-            self._latest[shape] = None
-            self._to_do[shape] = None
+            self._by_change.pop(shape, None)
+            self._by_change[shape] = None
+            self._to_compute[shape] = None
             self._write_record(shape, base(shape.mesh))
             self._moving.pop(shape, None)
         self._changed.clear()
-        if self._to_do:
-            work = [(shape, self._meshes.records[base(shape.mesh)], self._sources[shape.mesh]) for shape in self._to_do]
+        if self._to_compute:
+            work = [
+                (shape, self._meshes.records[base(shape.mesh)], self._sources[shape.mesh]) for shape in self._to_compute
+            ]
             self._commands.write(work)
         return found
 
@@ -130,20 +136,22 @@ class ScenePoses:
         return bool(self._seen)
 
     def edit(self, mesh: Mesh, row: int, before: Buffer, address: int, revision: int) -> None:
-        """Take note of other positions of a mesh, at an address, from a revision of the scene on. row: in `meshes`.
-        before: begins with the earlier positions, and is owned from now on."""
+        """Have other positions of a mesh, at an address, from a revision of the scene on. row: in `meshes`. before:
+        begins with the earlier positions, and is owned from now on."""
         edited = self._edited.setdefault(mesh, EditedMesh(row, before.address))
         edited.edit(before, address, revision)
-        edited.keep(self._seen.values())
-        self._latest.pop(edited, None)
-        self._latest[edited] = None
+        edited.free_unseen(self._seen.values())
+        self._by_change.pop(edited, None)
+        self._by_change[edited] = None
 
     def forget(self, mesh: Mesh) -> None:
         """Free the earlier positions of a mesh, which have nothing to do with its current ones or aren't used."""
-        if (edited := self._edited.pop(mesh, None)) is not None:
-            for known in (self._moving, self._latest):
-                known.pop(edited, None)
-            edited.destroy()
+        edited = self._edited.pop(mesh, None)
+        if edited is None:
+            return
+        for shapes in (self._moving, self._by_change):
+            shapes.pop(edited, None)
+        edited.destroy()
 
     def show(self, user: Any) -> bool:
         """Have the previous positions be those that a user of the scene has seen last; returns whether records changed.
@@ -152,13 +160,8 @@ class ScenePoses:
         """
         if user is None:
             return False
-        seen = self._seen.get(user, math.inf)
-        moved = {}
-        for shape in reversed(self._latest):
-            if shape.revision <= seen:
-                break
-            if (address := shape.address_at(seen)) is not None:
-                moved[shape] = address
+        moved = self._moved_since(self._seen.get(user, math.inf))
+        # What moved for the user before, and doesn't any more, has its current positions as previous ones again.
         targets = {shape: shape.address for shape in self._moving} | moved
         self._moving = dict.fromkeys(moved)
         changed = False
@@ -166,21 +169,34 @@ class ScenePoses:
             row = shape.row if isinstance(shape, EditedMesh) else self._rows[shape][0]
             record = self._meshes.records[row]
             if record["previous_positions"] != address:
-                record["previous_positions"], changed = address, True
+                record["previous_positions"] = address
                 self._meshes.mark([row])
+                changed = True
             if isinstance(shape, EditedMesh) and shape not in moved:
-                shape.keep(self._seen.values())
+                shape.free_unseen(self._seen.values())
         return changed
 
-    def note_seen(self, user: Any, revision: int) -> None:
-        """Take note that a user of the scene, if there is one, sees its current poses."""
+    def _moved_since(self, seen: float) -> dict[PosedMesh | EditedMesh, int]:
+        """The meshes that have changed since a revision, and the addresses of their positions at that time."""
+        moved = {}
+        for shape in reversed(self._by_change):
+            if shape.revision <= seen:
+                break
+            address = shape.address_at(seen)
+            if address is not None:
+                moved[shape] = address
+        return moved
+
+    def mark_seen(self, user: Any, revision: int) -> None:
+        """Say that a user of the scene, if there is one, renders it as it is at a revision."""
         if user is not None:
             self._seen[user] = revision
 
-    def _keep_seen(self, shape: PosedMesh) -> None:
-        """Keep copies of exactly those earlier poses that are the latest ones that a user has seen, just before the
+    def _copy_seen(self, shape: PosedMesh) -> None:
+        """Have copies of exactly those earlier poses that are the latest ones that a user has seen, just before the
         older of the two poses is overwritten."""
-        newest, lost = shape.revisions[shape.side], shape.revisions[1 - shape.side]
+        newest = shape.revisions[shape.side]
+        lost = shape.revisions[1 - shape.side]
         if not shape.copies and min(self._seen.values(), default=newest) >= newest:
             return
         needed = {shape.revision_at(seen) for seen in self._seen.values() if seen < newest}
@@ -205,6 +221,7 @@ class ScenePoses:
         device, mesh = self._device, shape.mesh
         if mesh not in self._sources:
             self._sources[mesh] = self._upload_source(mesh.deformation)
+        # Positions twice, then the attributes, which poses overwrite in place: nobody reads previous normals.
         size = mesh.positions.nbytes
         total = 2 * size + (0 if attributes is None else attributes.nbytes)
         name = f"posed {mesh.name or 'mesh'}"
@@ -212,7 +229,8 @@ class ScenePoses:
         if attributes is not None:
             buffer.upload(attributes, 2 * size)
         shape.addresses = buffer.address, buffer.address + size, buffer.address + 2 * size
-        shape.side, shape.refits = 0, 0
+        shape.side = 0
+        shape.refits = 0
         self._moving.pop(shape, None)
         if not self._rows[shape][1]:
             return
@@ -254,7 +272,8 @@ class ScenePoses:
         self._meshes.records[row] = self._meshes.records[base]
         record = self._meshes.records[row]
         low, high = shape.deformation.bounds(shape.mesh.positions, *shape.pose)
-        record["bounds_min"], record["bounds_max"] = low, high
+        record["bounds_min"] = low
+        record["bounds_max"] = high
         record["positions"] = record["previous_positions"] = shape.addresses[shape.side]
         record["attributes"] = shape.addresses[2] if record["attributes"] else 0
         self._meshes.mark([row])
@@ -269,9 +288,9 @@ class ScenePoses:
 
     def submit(self) -> None:
         """Compute the vertices of new poses and bring their BLASes up to date, just before the next submission."""
-        if self._to_do:
-            self._commands.submit(list(self._to_do))
-            self._to_do.clear()
+        if self._to_compute:
+            self._commands.submit(list(self._to_compute))
+            self._to_compute.clear()
 
     def destroy(self) -> None:
         """Free everything."""

@@ -14,8 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 Indices = NDArray[np.int64]
-SHORT = 16  # numpy reduces rows of fewer numbers faster column by column
-THIN = 1e-3  # of a list's longest extent: by how much boxes are thicker where areas are compared, so that none is 0
+# Numpy reduces rows of fewer numbers faster column by column.
+SHORT = 16
+# Of a list's longest extent: by how much boxes are thicker where areas are compared, so that no area is 0.
+THIN = 1e-3
 
 
 def spatial_order(low: NDArray[np.floating], high: NDArray[np.floating] | None = None) -> Indices:
@@ -38,7 +40,9 @@ def spatial_order(low: NDArray[np.floating], high: NDArray[np.floating] | None =
 def runs(count: int, largest: int) -> tuple[Indices, Indices, int]:
     """Runs of up to `largest` (2 or more) neighbors among `count` points in their spatial order: where they start (R,)
     and their sizes (R,), and how often the points are halved to make them."""
-    starts, sizes, halvings = np.array([0]), np.array([count]), 0
+    starts = np.array([0])
+    sizes = np.array([count])
+    halvings = 0
     while sizes.max() > largest:
         starts, sizes = halved(starts, sizes)
         halvings += 1
@@ -56,10 +60,12 @@ def _split(boxes: NDArray[np.float32], order: Indices, starts: Indices, size: in
     """Sort each run of `size` boxes (6, N) into a lower and an upper half along the run's best axis."""
     positions = starts[:, None] + np.arange(size)
     found = boxes.take(positions, axis=1)  # several times as fast as by index arrays
-    rows, left = size * np.arange(len(starts))[:, None], size - size // 2
+    rows = size * np.arange(len(starts))[:, None]
+    left = size - size // 2
     flat = found.reshape(6, -1)
     longest = _extents(found).max(axis=0)
     longest[longest == 0] = 1
+    # Each axis is tried, and each run takes the axis whose halves cost least: their areas times their numbers of boxes.
     best = least = None
     for low, high in zip(found[:3], found[3:], strict=True):
         chosen = np.argpartition(low + high, left - 1, axis=1)
@@ -68,9 +74,11 @@ def _split(boxes: NDArray[np.float32], order: Indices, starts: Indices, size: in
         if best is None or least is None:
             best, least = chosen, cost
         better = cost < least
-        best[better], least[better] = chosen[better], cost[better]
+        best[better] = chosen[better]
+        least[better] = cost[better]
     assert best is not None
-    boxes[:, positions], order[positions] = flat.take(rows + best, axis=1), order.take(starts[:, None] + best)
+    boxes[:, positions] = flat.take(rows + best, axis=1)
+    order[positions] = order.take(starts[:, None] + best)
 
 
 def _extents(runs: NDArray[np.float32]) -> NDArray[np.float32]:

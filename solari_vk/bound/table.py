@@ -19,8 +19,8 @@ from solari_vk.gpu.frame.packing import packing
 
 Key = TypeVar("Key", bound=Hashable)
 _MOST_INLINE = 1 << 16  # bytes that vkCmdUpdateBuffer takes at most
+# Makes a Table or a HostTable of a name, a dtype and, for `set`, its fields.
 MakeTable = Callable[..., Any]
-"""Makes a Table or a HostTable of a name, a dtype and, for `set`, its fields."""
 
 
 class HostTable:
@@ -40,9 +40,9 @@ class HostTable:
         self.name = name
         self.revision = 0
         """Increases when rows are written; of tables on the host alone."""
-        self._keep(np.zeros(16, dtype))
+        self._set_records(np.zeros(16, dtype))
 
-    def _keep(self, records: NDArray[Any]) -> None:
+    def _set_records(self, records: NDArray[Any]) -> None:
         self.records = records
         self._bytes = records.view(np.uint8).data
 
@@ -56,7 +56,7 @@ class HostTable:
         if rows > len(self.records):
             grown = np.zeros(max(rows, self._doubled()), self.records.dtype)
             grown[: len(self.records)] = self.records
-            self._keep(grown)
+            self._set_records(grown)
             self.mark_all()
 
     def _doubled(self) -> int:
@@ -84,8 +84,8 @@ class Table(HostTable):
         self.marked: set[int] = set(range(len(self.records)))
         """The rows whose latest contents are not in `buffer` yet."""
 
-    def _keep(self, records: NDArray[Any]) -> None:
-        super()._keep(records)
+    def _set_records(self, records: NDArray[Any]) -> None:
+        super()._set_records(records)
         self._pointer = raw.ffi.cast("char*", raw.ffi.from_buffer(records))
 
     def _make_buffer(self) -> Buffer:
@@ -126,9 +126,9 @@ class Table(HostTable):
 
     def record(self, cmd: raw.CData) -> None:
         """Record writes of the marked rows, whose contents become part of the commands."""
-        update, target, pointer = self._device.vk.vkCmdUpdateBuffer, self.buffer.handle, self._pointer
+        update = self._device.vk.vkCmdUpdateBuffer
         for begin, end in self._runs():
-            update(cmd, target, begin, end - begin, pointer + begin)
+            update(cmd, self.buffer.handle, begin, end - begin, self._pointer + begin)
         self.marked.clear()
 
     def upload(self, uploads: Uploads) -> None:
@@ -144,7 +144,9 @@ class Table(HostTable):
 
     def _runs(self) -> list[tuple[int, int]]:
         """The byte ranges (begin, end) of the marked rows; adjacent rows share a range."""
-        size, first, last = self._size, min(self.marked), max(self.marked)
+        size = self._size
+        first = min(self.marked)
+        last = max(self.marked)
         if last - first + 1 == len(self.marked):  # one range, the usual case
             return [(first * size, (last + 1) * size)]
         rows = np.fromiter(self.marked, np.int64, len(self.marked))
@@ -158,7 +160,8 @@ class Table(HostTable):
 
 def upload(device: Device, tables: Sequence[Table]) -> None:
     """Upload the marked rows of tables that have some, before the next submission."""
-    if device.idle:  # no work in progress reads the tables
+    # While no work in progress reads the tables, the host may write where the device reads.
+    if device.idle:
         tables = [table for table in tables if not table.write()]
     if sum(table.marked_bytes for table in tables) > _MOST_INLINE:
         with device.uploads() as uploads:

@@ -14,20 +14,26 @@ from solari_vk.gpu.acceleration.tlas import INSTANCE_DTYPE, Tlas, TlasBuild, Tla
 from solari_vk.gpu.device import raw
 from solari_vk.gpu.device.device import Device
 
-# Masks. HIDDEN isn't 0, because Mesa 26.2 loses other instances where a mask is 0 (docs/driver_faults.md).
-VISIBLE, BLENDED, HIDDEN = (SCENE_MASK & ~BLENDED_MASK) << 24, SCENE_MASK << 24, 0x80 << 24
+# The bits of custom_index_and_mask above the index. HIDDEN isn't 0, because Mesa 26.2 loses other instances where a
+# mask is 0 (docs/driver_faults.md).
+VISIBLE = (SCENE_MASK & ~BLENDED_MASK) << 24
+BLENDED = SCENE_MASK << 24
+HIDDEN = 0x80 << 24
 NO_OPAQUE = raw.VK_GEOMETRY_INSTANCE_FORCE_NO_OPAQUE_BIT_KHR << 24
 NO_CULLING = raw.VK_GEOMETRY_INSTANCE_TRIANGLE_FACING_CULL_DISABLE_BIT_KHR << 24
 # The fields that `write` sets, in order.
 RECORD = ("transform", "custom_index_and_mask", "sbt_offset_and_flags", "blas_address")
-FEW = 64  # moved instances up to this many need no new order
+# So few moved instances need no new order.
+FEW = 64
+# The center and half the size (3,) of a mesh's bounds, in object space.
 Box = tuple[NDArray[np.float32], NDArray[np.float32]]
-"""The center and half the size (3,) of a mesh's bounds, in object space."""
 
 
 def mask_of(visible: bool, alpha_mode: str) -> int:
     """The bits of custom_index_and_mask above the index, of an instance with a material of this mode."""
-    return HIDDEN if not visible else BLENDED if alpha_mode == "blend" else VISIBLE
+    if not visible:
+        return HIDDEN
+    return BLENDED if alpha_mode == "blend" else VISIBLE
 
 
 def flags_of(double_sided: bool, alpha_mode: str) -> int:
