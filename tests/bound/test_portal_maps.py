@@ -55,7 +55,7 @@ def test_a_turn_leaves_the_luminance_of_images(monkeypatch):
     maps.make(PORTALS, [environment])
     assert len(calls) == 2
     maps.make([], [])
-    assert (device.live, maps._seen) == ([], {})
+    assert (device.live, maps._luminances) == ([], {})
 
 
 def test_no_map_is_lost_when_memory_runs_out():
