@@ -12,8 +12,8 @@ from dataclasses import dataclass, field
 
 from solari_vk.base.errors import SolariError, quoted
 
-MEMORY, SECONDS = 2 * 2**30, 600.0
-"""The default of bytes and of seconds."""
+MEMORY = 2 * 2**30
+SECONDS = 600.0
 _UNITS = {"": 1, "b": 1, "kb": 10**3, "mb": 10**6, "gb": 10**9, "kib": 2**10, "mib": 2**20, "gib": 2**30}
 _current: ContextVar[Budget | None] = ContextVar("budget", default=None)
 
@@ -40,6 +40,7 @@ def load_budget(memory: int | None = None, seconds: float | None = None) -> Iter
     memory: bytes, by default those of the environment variable SOLARI_VK_LOAD_MEMORY ("4GiB"), else 2 GiB. seconds: by
     default SOLARI_VK_LOAD_SECONDS, else 600. Raises SolariError for what is no size or time.
     """
+    # What a file refers to, such as images, is part of its budget.
     outer = _current.get()
     if outer is not None:
         yield outer
@@ -74,6 +75,7 @@ def charge(size: int, who: str, what: str, *, working: int = 0) -> None:
             f"the {budget.memory / 2**20:,.0f} MiB that loading may take: give load(memory=bytes) or set "
             "SOLARI_VK_LOAD_MEMORY, such as 8GiB, if you trust the file"
         )
+    # `working` isn't added to what is charged: it is free again before the next charge.
     budget.peak = max(budget.peak, budget.charged + size + working)
     budget.charged += size
     if time.monotonic() > budget.end:

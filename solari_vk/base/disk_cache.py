@@ -31,7 +31,8 @@ def folder() -> Path | None:
         if sys.platform == "win32":
             return Path(os.environ.get("LOCALAPPDATA") or Path.home()) / "solari_vk" / "cache"
         return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "solari_vk"
-    except RuntimeError:  # neither HOME nor an entry in the list of users
+    except RuntimeError:
+        # There is neither HOME nor an entry in the list of users, as in containers with any user's number.
         warn(
             "compiled shaders and pipelines aren't kept: this user has no home folder: set SOLARI_VK_CACHE "
             "to a folder, or to 'off'"
@@ -41,11 +42,12 @@ def folder() -> Path | None:
 
 def _trusted_folder() -> Path | None:
     """The folder; None, with a warning, where other users could put shaders of theirs into it."""
+    # Drivers run what is in a pipeline cache, so that a file of somebody else would run with this user's rights.
     base = folder()
     try:
         found = base.stat() if base is not None and hasattr(os, "getuid") else None
     except OSError:
-        return base
+        return base  # which isn't there yet
     if found is not None and (found.st_mode & stat.S_IWOTH or found.st_uid not in (0, os.getuid())):
         warn(
             f"compiled shaders and pipelines aren't kept in {base}, where other users can write: give it to yourself "
@@ -62,6 +64,7 @@ def load(name: str) -> bytes | None:
         entry = (base / name).read_bytes() if base else b""
     except OSError:
         return None
+    # An empty entry isn't one either: a disk that was full may have left it.
     content = entry[32:]
     return content if content and hashlib.sha256(content).digest() == entry[:32] else None
 

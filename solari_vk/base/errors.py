@@ -105,9 +105,9 @@ def unknown_name(what: str, name: object, known: Iterable[str]) -> SolariError:
         advice = advice_for(what, name.lower())
         if advice:
             return SolariError(f"{what} {quoted(name)}: {advice}")
-    names = list(dict.fromkeys(filter(None, known)))
+    names = list(dict.fromkeys(filter(None, known)))  # each once, in their order
     text = name if isinstance(name, str) else quoted(name)
-    text = text[:MAX_VALUE].lower()
+    text = text[:MAX_VALUE].lower()  # comparing takes the square of the length
     closest = _closest_name(text, names)
     hint = f"did you mean '{closest}'? " if closest else ""
     return SolariError(f"{what} {quoted(name)}; {hint}{_list_of(names, text, closest)}")
@@ -115,6 +115,7 @@ def unknown_name(what: str, name: object, known: Iterable[str]) -> SolariError:
 
 def _closest_name(text: str, names: Sequence[str]) -> str:
     """The name that a text in lower case stands for most likely, "" if none is near."""
+    # Of names that differ by case alone the first one is kept.
     by_lower = {name.lower(): name for name in reversed(names)}
     # From sure to unsure: a slip of the finger, a longer word such as add_light for add, a similar word, a part of one.
     candidates = (
@@ -150,7 +151,7 @@ def unknown_attribute(what: str, name: str, known: Callable[[], Iterable[str]]) 
     return AttributeError(str(unknown_name(what, name, (name for name in known() if not name.startswith("_")))))
 
 
-class _Hinting(ABCMeta):
+class _Hinting(ABCMeta):  # of ABCs, so that classes with abstract methods can have hints too
     if not TYPE_CHECKING:  # or checkers would take any name
 
         def __getattr__(cls, name: str) -> NoReturn:
@@ -213,6 +214,7 @@ class _Signature:
                 raise SolariError(f"{error}; {self._hint}" if self._hint else str(error))
         if not self._takes_any_count:
             check_count(owner, self._suffix, positional, self._in_order, self._names)
+        # Python's own TypeError for them wouldn't say what else the function takes.
         given = {*self._in_order[: len(positional)], *options}
         missing = [name for name in self._needed if name not in given]
         if missing:

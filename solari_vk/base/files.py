@@ -19,7 +19,7 @@ from solari_vk.base.budget import charge, load_budget
 from solari_vk.base.errors import SolariError, quoted
 
 LARGEST_JSON = 2**26
-_BYTES_PER_VALUE = 150
+_BYTES_PER_VALUE = 150  # of a value as a Python object with its place in a list or dict
 _UNFINISHED = re.compile(r"\.(.+)\.[0-9a-f]{16}(\.[^.]*)")  # the names of `_beside`
 _TRIAL = bytes(4096)  # a file of a few bytes may fit on a disk that is full
 
@@ -27,9 +27,11 @@ _TRIAL = bytes(4096)  # a file of a few bytes may fit on a disk that is full
 def read_regular(path: Path, who: str, length: int | None = None) -> bytes:
     """The first `length` bytes of a file, charged to the budget of what is loaded. Pipes, devices and folders are
     refused, because they may never end."""
+    # Non-blocking, because opening a pipe without a writer would block. Windows has no such flag, but one for files
+    # that aren't text.
+    flags = os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)
     try:
-        # Non-blocking, because opening a pipe without a writer would block.
-        with open(os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)), "rb") as file:
+        with open(os.open(path, flags), "rb") as file:
             found = os.fstat(file.fileno())
             if not stat.S_ISREG(found.st_mode):
                 raise SolariError(f"{who}: not a readable file: give the path of a regular file")
@@ -59,6 +61,7 @@ def read_json(path: Path, who: str) -> Any:
 
 def charge_json(text: bytes, who: str) -> None:
     """Charge the values of a JSON text as Python objects."""
+    # Each value follows a comma or opens an object or a list, so that the text needn't be parsed to count them.
     values = sum(map(text.count, (b",", b"{", b"[")))
     charge(_BYTES_PER_VALUE * values, who, "its JSON", working=4 * len(text))
 
@@ -70,6 +73,7 @@ def whole_file(path: Path) -> Iterator[Path]:
 
     Raises SolariError when writing fails, and leaves the file at `path` as it was.
     """
+    # In the same folder, because only within a disk a file takes another one's place at once.
     temporary = _beside(path)
     try:
         _create(temporary)
@@ -89,27 +93,36 @@ def write_whole(path: Path, content: str | bytes | memoryview) -> None:
 
 def write_both(first: tuple[Path, bytes], second: tuple[Path, bytes]) -> None:
     """Write two files that belong together. Raises SolariError when that fails, and leaves both as they were."""
-    (path, content), (second_path, second_content) = first, second
-    target, before = Path(os.path.realpath(second_path)), _beside(second_path)
-    replaced = False
+    path, content = first
+    second_path, second_content = second
+    target = Path(os.path.realpath(second_path))
+    backup = _beside(second_path)
+    is_replaced = False
     try:
+        # The second file is replaced before the first one, with a backup. Replacing the first one is the last step, so
+        # that it needs none.
         with whole_file(path) as temporary:
             temporary.write_bytes(content)
-            with whole_file(second_path) as other:
-                other.write_bytes(second_content)
-                if target.exists():
-                    _keep(target, before)
-            replaced = True
+            _write_with_backup(second_path, second_content, target, backup)
+            is_replaced = True
     except BaseException:
-        if replaced and before.exists():
-            os.replace(before, target)
+        if is_replaced and backup.exists():
+            os.replace(backup, target)
         else:
-            _remove(target if replaced else before)
+            _remove(target if is_replaced else backup)
         raise
-    _remove(before)
+    _remove(backup)
 
 
-def _keep(path: Path, other: Path) -> None:
+def _write_with_backup(path: Path, content: bytes, target: Path, backup: Path) -> None:
+    """Write a file, after the one at `target`, where its links lead, has another name too."""
+    with whole_file(path) as temporary:
+        temporary.write_bytes(content)
+        if target.exists():
+            _link_or_copy(target, backup)
+
+
+def _link_or_copy(path: Path, other: Path) -> None:
     """Give a file another name too, or copy it where a disk has no links."""
     try:
         os.link(path, other)
@@ -127,6 +140,7 @@ def remove_unfinished(folder: Path, names: Collection[str]) -> None:
 
 def check_writable(path: Path) -> None:
     """Raise SolariError if no file can be written at a path: for what takes long to make, before it is made."""
+    # Permissions don't tell: a disk may be full, mounted without writing, or of another machine.
     trial = _beside(path)
     try:
         _create(trial)
@@ -157,7 +171,8 @@ def make_temporary_folder() -> Path:
 def cannot_be(done: str, path: Path, error: OSError | RuntimeError) -> SolariError:
     """The error that a file or folder can't be "written" or "made", with the remedy."""
     reason = getattr(error, "strerror", None) or error
-    if getattr(error, "errno", None) == errno.ENOENT:  # as of /proc, since the folder exists
+    # The folder exists, so that it is one such as those of /proc, in which nothing can be made.
+    if getattr(error, "errno", None) == errno.ENOENT:
         return SolariError(f"{path}: can't be {done}: its folder takes no files: choose another one")
     if isinstance(error, PermissionError) or getattr(error, "errno", None) == errno.EROFS:
         remedy = "choose a folder that can be written"
@@ -180,6 +195,7 @@ def _beside(path: Path) -> Path:
         raise SolariError(f"{quoted(str(path))}: has a null character: choose another name") from None
     if not os.path.isdir(target.parent):
         raise SolariError(f"{path}: there is no folder {target.parent}: make it first")
+    # Writers choose the format by the suffix. `_UNFINISHED` matches such a name.
     return target.with_name(f".{target.stem}.{secrets.token_hex(8)}{path.suffix}")
 
 

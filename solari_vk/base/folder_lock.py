@@ -18,7 +18,7 @@ try:
 except ImportError:  # Windows: folders aren't locked there
     fcntl = None  # type: ignore[assignment]
 
-_held: WeakValueDictionary[Path, FolderLock] = WeakValueDictionary()
+_locks: WeakValueDictionary[Path, FolderLock] = WeakValueDictionary()
 
 
 class FolderLock:
@@ -45,12 +45,14 @@ class FolderLock:
                 raise cannot_be("written", path, error) from None
             if fcntl is None:
                 return file
+            # Between `open` and `flock` the owner may have removed its file: then this lock is of a file that nobody
+            # else will find, and the next round makes a new one.
             try:
                 fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
                 if os.path.samestat(os.fstat(file), os.stat(path)):
                     return file
             except FileNotFoundError:
-                pass  # its owner has just removed it
+                pass
             except OSError:
                 raise SolariError(f"{path.parent}: {_owner(file)}: wait for it, or give another folder") from None
             os.close(file)
@@ -59,9 +61,11 @@ class FolderLock:
 def lock_folder(path: Path) -> FolderLock:
     """The lock of the file `path`, which all users of this process share."""
     place = Path(os.path.realpath(path))
-    lock = _held.get(place)
+    # `flock` would refuse a second lock of this process too.
+    lock = _locks.get(place)
     if lock is None:
-        lock = _held[place] = FolderLock(place)
+        lock = FolderLock(place)
+        _locks[place] = lock
     return lock
 
 
@@ -77,6 +81,7 @@ def _owner(file: int) -> str:
 
 
 def _release(path: Path, file: int) -> None:
+    # Removed while the lock still holds, so that nobody else's file is.
     with contextlib.suppress(OSError):
         path.unlink(missing_ok=True)
     os.close(file)

@@ -14,8 +14,9 @@ from typing import Any
 
 def main(words: Sequence[str] | None = None) -> int:
     """Run one command; returns the exit code."""
+    # Around the imports too, which take long enough to be interrupted.
     try:
-        return _main(words)  # imports too may be interrupted
+        return _main(words)
     except KeyboardInterrupt:
         print("solari-vk: interrupted, nothing was written", file=sys.stderr)
         return 130
@@ -40,12 +41,15 @@ def _main(words: Sequence[str] | None) -> int:
     except MemoryError as error:
         print(f"solari-vk: this machine's memory isn't enough: {error or 'give smaller numbers'}", file=sys.stderr)
         return 2
-    except BrokenPipeError:  # the reader of our output closed it
+    except BrokenPipeError:
+        # The reader of the output closed it, as `head` does. Without stdout Python doesn't flush it at its end, which
+        # would fail again.
         sys.stdout = None
         return 0
     except Exception as error:
+        # The disk is full to which standard output goes; files of pictures are written with errors of their own.
         if isinstance(error, OSError) and error.errno == errno.ENOSPC:
-            sys.stdout = None  # what it holds can't be written
+            sys.stdout = None
             print(f"solari-vk: the output can't be written: {error.strerror}", file=sys.stderr)
             return 2
         traceback.print_exc()

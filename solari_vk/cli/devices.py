@@ -21,7 +21,8 @@ def open_device(job: PictureOptions, notes: CompileNotes | None = None) -> Devic
     """The device that a job asks for."""
     from solari_vk.gpu.device.device import Device
 
-    with warnings.catch_warnings(record=True) as caught:  # such as of a card that isn't used
+    # Warnings, such as of a card that isn't used, are lines of this command, without the line of code that led to them.
+    with warnings.catch_warnings(record=True) as caught:
         device = Device(job.device, validation=job.validation or None, rays=job.rays, on_compile=notes)
     for warning in caught:
         print(f"warning: {warning.message}", file=sys.stderr)
@@ -48,6 +49,7 @@ class Reporter:
         """Why the work was ended early."""
 
     def __call__(self, done: int, error: float = math.inf) -> bool:
+        # No error: the picture is what the workers have rendered by then.
         try:
             self._progress(done, error)
         except Stopped as stopped:

@@ -27,7 +27,8 @@ _DRIVER = (
     "-t bookworm-backports; tools/demo does it)"
 )
 
-TRIAL_SECONDS = 60.0
+TRIAL_SECONDS = 60.0  # libraries are large, and disks may be slow
+# Without site-packages (-S) and the current folder (-I), since only the libraries are tried, not their modules.
 _LOAD = "import ctypes, sys\nfor path in sys.argv[1:]: ctypes.CDLL(path)"
 
 
@@ -67,8 +68,9 @@ PARTS = (
 def run(job: object) -> None:
     """Print the report. Raises DeviceError if no device can be used."""
     files = {part: _files(part) for part in PARTS if not part.works()}
+    # Another process loads their libraries, beside the imports and queries of this one, which take as long.
     with ThreadPoolExecutor() as pool:
-        tried = pool.submit(_reasons, files)  # in another process, beside the imports and queries of this one
+        tried = pool.submit(_reasons, files)
         compiler = _compiler()
         why_no_window = _why_no_window()
         reports = _devices()
@@ -80,6 +82,7 @@ def run(job: object) -> None:
         print(f"windows: {why_no_window} (without a display: xvfb-run solari-vk view ...)")
     else:
         print("windows: yes")
+    # Last, so that what doesn't need a device is known also where there is none.
     if isinstance(reports, SolariError):
         raise reports
     for report in reports:
@@ -125,6 +128,7 @@ def _files(part: Part) -> list[str]:
     spec = find_spec(part.module) if _is_there(part.module) else None
     if spec is None or spec.origin is None:
         return []
+    # A module is one library, or a folder with some.
     module = Path(spec.origin)
     if module.suffix == ".so":
         return [str(module)]
@@ -158,6 +162,7 @@ def _why_not(paths: Sequence[str]) -> str:
 
 
 def _is_there(module: str) -> bool:
+    # `find_spec` raises for a module below a package that is missing.
     package, _, below = module.partition(".")
     return find_spec(package) is not None and (not below or find_spec(module) is not None)
 

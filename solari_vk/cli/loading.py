@@ -59,28 +59,24 @@ def load_scene(
     movie = job if isinstance(job, MovieJob) else None
     scene = _read_scene(job)
     played = _find_clip(scene, job.source, clip, time, plays=movie is not None and movie.animate == "file")
+    # Posed before the cameras are found, which frame what they see.
     still = None
-    if played is not None and time is not None:
+    if time is not None and played is not None:
         played.apply(scene, time, loop=False)
-        still = played
-        played = None
-
-    path = None if movie is None else _orbit_of(movie)
+        still, played = played, None
+    path = _orbit_of(job)
     front = _front_camera(scene, job, played, _Orbit(None) if seen_all_round else path)
+    # A camera of the user frames nothing: it is where it is.
     camera = front if job.camera is None else _find_camera(scene, job.camera)
     # Before lights are added: they widen the scene's bounds, around whose center an orbit goes.
     cameras = [camera] if movie is None else _animated_cameras(movie, scene, camera, played, path)
     # By the camera in front, so that --camera doesn't turn the light.
     light_added, lit_by_studio = surround(scene, front, job.environment)
-    if getattr(job, "transparent", False):
-        _hide_backdrop(scene, cameras)
+    _hide_backdrop(job, scene, cameras)
     if light_added:
         print(f"{job.source} has no light of its own: it is {light_added}", file=sys.stderr)
-    _adjust_environment(scene, job)
-    has_exposure = camera.has_exposure and not camera.auto_exposure
-    # The light of built-in scenes and of the studio is made for the exposure that their cameras have.
-    known = job.source.startswith(BUILTIN) or lit_by_studio or has_exposure
-    auto_exposure = _choose_exposure(cameras, job.exposure or ("camera" if known else "auto"))
+    _adjust_environment(job, scene)
+    auto_exposure = _expose(cameras, job.exposure or _default_exposure(job, camera, lit_by_studio))
     for warning in scene.warnings:
         print(f"warning: {warning}", file=sys.stderr)
     return LoadedScene(scene, cameras, auto_exposure, played, still)
@@ -138,8 +134,10 @@ def _name_or_index(text: str) -> str | int:
     return int(text) if text.isdecimal() and len(text) < MAX_DIGITS else text
 
 
-def _hide_backdrop(scene: Scene, cameras: Iterable[Camera]) -> None:
-    """What --transparent asks of a scene and its cameras."""
+def _hide_backdrop(job: SceneOptions, scene: Scene, cameras: Iterable[Camera]) -> None:
+    """Leave out a studio's floor if --transparent asks for it."""
+    if not getattr(job, "transparent", False):
+        return
     if any(camera.aperture for camera in cameras):
         raise SolariError(
             "--transparent: the camera has an aperture, whose blurred edges have no alpha: give --camera without one"
@@ -148,7 +146,7 @@ def _hide_backdrop(scene: Scene, cameras: Iterable[Camera]) -> None:
         scene.backdrop.visible = False
 
 
-def _adjust_environment(scene: Scene, job: SceneOptions) -> None:
+def _adjust_environment(job: SceneOptions, scene: Scene) -> None:
     """Turn the environment, and make it brighter or darker, as options say."""
     if not job.environment_rotation and job.environment_intensity == 1:
         return
@@ -189,9 +187,11 @@ def _option_with_clip(name: str | None, time: float | None, plays: bool) -> str:
 # ---- cameras ----------------------------------------------------------------------------------------
 
 
-def _orbit_of(movie: MovieJob) -> _Orbit | None:
-    """What --animate orbit[:DEGREES] asks for, None for another animation."""
-    kind, colon, angle = movie.animate.partition(":")
+def _orbit_of(job: SceneOptions) -> _Orbit | None:
+    """What --animate orbit[:DEGREES] asks for, None for another animation and for none."""
+    if not isinstance(job, MovieJob):
+        return None
+    kind, colon, angle = job.animate.partition(":")
     if kind != "orbit":
         return None
     if not colon:
@@ -201,7 +201,7 @@ def _orbit_of(movie: MovieJob) -> _Orbit | None:
     except ValueError:
         degrees = math.nan
     if not math.isfinite(degrees):
-        raise SolariError(f"--animate {movie.animate}: give an angle such as orbit:30")
+        raise SolariError(f"--animate {job.animate}: give an angle such as orbit:30")
     return _Orbit(degrees)
 
 
@@ -245,7 +245,7 @@ def _animated_cameras(
     if count > MAX_CAMERAS:
         raise SolariError(f"--frames {count}: an animation has at most {MAX_CAMERAS:,} pictures")
     if clip is not None:
-        return [camera] * count
+        return [camera] * count  # the scene moves, the camera rests
     if path is not None:
         return orbit(camera, scene.bounds.center, count, path.swing)
     if movie.animate in scene.animations and not Path(movie.animate).exists():
@@ -255,7 +255,14 @@ def _animated_cameras(
     return load_path(movie.animate, camera, fps=movie.fps, count=movie.frames)
 
 
-def _choose_exposure(cameras: Sequence[Camera], exposure: str) -> bool:
+def _default_exposure(job: SceneOptions, camera: Camera, lit_by_studio: bool) -> str:
+    # The light of built-in scenes and of the studio is made for the exposure that their cameras have.
+    if job.source.startswith(BUILTIN) or lit_by_studio:
+        return "camera"
+    return "camera" if camera.has_exposure and not camera.auto_exposure else "auto"
+
+
+def _expose(cameras: Sequence[Camera], exposure: str) -> bool:
     """Expose cameras as by the option --exposure; whether the picture decides instead."""
     if exposure == "auto":
         return True

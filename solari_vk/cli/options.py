@@ -107,6 +107,7 @@ class _Parser(argparse.ArgumentParser):
     def error(self, message: str) -> NoReturn:
         wrong = _WRONG_COMMAND.fullmatch(message)
         if wrong:
+            # argparse lists all names; `unknown_name` says which one was meant.
             kind, word, known = wrong.groups()
             names = [name.strip("' ") for name in known.split(",")]
             message = str(unknown_name(f"there is no {kind.lower()}", word, names))
@@ -151,14 +152,14 @@ def parse(commands: Sequence[Command], words: Sequence[str] | None) -> tuple[Com
 
 def _why_unknown(command: Command, words: Sequence[str]) -> str:
     """The message for words that a command doesn't take."""
-    for word in words:
-        if word.startswith("-"):
-            options: list[str] = []
-            for part in fields(command.job_type):
-                if part.metadata:
-                    options += part.metadata["names"] or [spelled(part.name)]
-            return str(unknown_name(f"{command.name} has no option", word.partition("=")[0], options))
-    return f"{command.name} takes no {', '.join(map(quoted, words))}"
+    option = next((word for word in words if word.startswith("-")), "")
+    if not option:
+        return f"{command.name} takes no {', '.join(map(quoted, words))}"
+    known: list[str] = []
+    for part in fields(command.job_type):
+        if part.metadata:
+            known += part.metadata["names"] or [spelled(part.name)]
+    return str(unknown_name(f"{command.name} has no option", option.partition("=")[0], known))
 
 
 def _add_commands(place: Any, commands: Sequence[Command], wanted: str | None) -> None:

@@ -11,7 +11,7 @@ from typing import Any
 from solari_vk.base.errors import SolariError
 from solari_vk.gpu.device.compile_notes import CompileNotes
 
-UNLIMITED = 1 << 24
+UNLIMITED = 1 << 24  # frames or samples: more than anybody waits for
 LINE_SECONDS = 5.0  # between lines where no bar can be shown
 
 
@@ -53,8 +53,10 @@ class Progress:
         self._notes = notes
 
     def __enter__(self) -> Progress:
+        # Python's own handler would raise KeyboardInterrupt within a frame, whose pictures would be lost.
         self._previous_handler = signal.signal(signal.SIGINT, self._interrupt)
         if sys.stderr.isatty():
+            # On standard error, since standard output may be read by a program.
             from rich.console import Console
             from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 

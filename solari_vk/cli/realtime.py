@@ -20,7 +20,7 @@ from solari_vk.gpu.device.compile_notes import CompileNotes
 from solari_vk.gpu.device.rays import IN_WORDS
 from solari_vk.output import movie, picture
 from solari_vk.output.error import ErrorEstimate
-from solari_vk.output.kept import frames_folder, write_or_keep
+from solari_vk.output.fallback import frames_folder, write_with_fallback
 from solari_vk.passes import lighting, reference
 from solari_vk.passes.reference import numbered_seed
 from solari_vk.passes.taa import render_size
@@ -70,7 +70,8 @@ def run(job: StillJob | MovieJob) -> int:
         movie.check_encoder(job.output)
     settings = job.make_settings()
     check_parts(job.aov, job.size, settings)
-    frames_of(job, "cpu")  # says what is wrong before the scene is loaded
+    # Says what is wrong with --average before the scene is loaded, which takes long; devices don't matter for that.
+    frames_of(job, "cpu")
     loaded = load_scene(job, clip=job.clip, time=job.time)
     if (job.is_spread or job.shutter is not None) and isinstance(job, MovieJob):
         return int(resolve(ANIMATION)(job, loaded, settings))
@@ -86,6 +87,7 @@ def run(job: StillJob | MovieJob) -> int:
             renderer.tonemap = job.tonemap
             if loaded.clip is not None:
                 loaded.clip.apply(loaded.scene, 0.0)
+            # In the pose in which the first picture begins.
             if loaded.auto_exposure:
                 _meter(renderer, cameras)
             count = renderer.frame_count + job.warm_up + frames * len(cameras)
@@ -161,6 +163,7 @@ class _Shooting:
     def run(self) -> list[Path]:
         """The files of the pictures. Ctrl-C or the time limit ends it with the pictures so far, at least one."""
         try:
+            # Light gathers in the world cache and in histories, which frames of later pictures go on with.
             self._render(self._cameras[0], self._job.warm_up, averaged=0)
             for number, (camera, target) in enumerate(zip(self._cameras, self._targets, strict=True)):
                 if self._loaded.clip is not None:
@@ -183,6 +186,7 @@ class _Shooting:
     def _render(self, camera: Camera, count: int, averaged: int) -> None:
         """Render `count` frames; the last ones of them count for the mean."""
         for index in range(count):
+            # Frames of the warm-up show one moment: a shutter would take them as long as the picture.
             self._renderer.render(camera, **(self._exposure if averaged else {}))
             if index >= count - averaged:
                 self._means.add()
@@ -193,18 +197,20 @@ class _Shooting:
     def _write(self, camera: Camera, target: Path) -> None:
         job = self._job
         radiance = self._means["radiance"]
+        # One exposure for all pictures of an animation, or it would flicker.
         if self._loaded.auto_exposure and not self._written:
             set_exposure(self._cameras, self._renderer.auto_exposure(radiance))
         if job.view != "picture":
             codes = self._renderer["display"][..., :3]
-            write_or_keep(target, lambda path: picture.write_codes(path, codes))
+            write_with_fallback(target, lambda path: picture.write_codes(path, codes))
         else:
             layers = {name: self._means[name] for name in job.aov}
             if job.sensor is not None:
+                # Each picture has noise of its own.
                 seed = numbered_seed(job.seed, len(self._written))
                 layers["raw"] = sv.Sensor.load(job.sensor).expose(radiance, camera, seed=seed)
             light, alpha = self._renderer.cut_out(radiance) if job.transparent else (radiance, None)
-            write_or_keep(
+            write_with_fallback(
                 target,
                 lambda path: picture.save_image(
                     path, light, exposure=camera.exposure, tonemap=job.tonemap, layers=layers, alpha=alpha

@@ -22,7 +22,7 @@ from solari_vk.gpu.device.compile_notes import CompileNotes
 from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.device.rays import IN_WORDS
 from solari_vk.output import oidn
-from solari_vk.output.kept import write_or_keep
+from solari_vk.output.fallback import write_with_fallback
 from solari_vk.output.movie import check_encoder
 from solari_vk.renderers import large_pictures
 from solari_vk.scene.model import Camera
@@ -71,7 +71,7 @@ def _write(job: StillJob, camera: Camera, result: _Result) -> None:
         camera.ev100 = result.ev100
     if job.sensor is not None:
         result.layers["raw"] = sv.Sensor.load(job.sensor).expose(result.radiance, camera, seed=job.seed)
-    write_or_keep(
+    write_with_fallback(
         job.output,
         lambda path: sv.save_image(
             path,

@@ -47,10 +47,7 @@ def make_job(options: RenderOptions) -> StillJob | MovieJob:
     check_aovs(options.aov, "auto", [name for name in outputs if name not in ("radiance", "display")])
     kind = StillJob if options.animate is None else MovieJob
     job = kind(**{**vars(options), **_mode(options, kind.GROUPS)})
-    for mode in MODES:
-        for name in kind.GROUPS[mode]:
-            if name in options.given and mode != job.mode:
-                raise SolariError(f"{spelled(name)} is an option of --mode {mode}, not of {job.mode}")
+    _check_options_of_modes(job)
     if options.target_error is not None and not options.target_error > 0:
         raise SolariError(f"--target-error {options.target_error:g}: must be more than 0, such as 0.02 for 2 %")
     check_time_limit(options.time_limit)
@@ -60,6 +57,14 @@ def make_job(options: RenderOptions) -> StillJob | MovieJob:
         if is_wrong:
             raise SolariError(why)
     return job
+
+
+def _check_options_of_modes(job: StillJob | MovieJob) -> None:
+    """Raise SolariError for options that the other mode has."""
+    for mode in MODES:
+        for name in job.GROUPS[mode]:
+            if name in job.given and mode != job.mode:
+                raise SolariError(f"{spelled(name)} is an option of --mode {mode}, not of {job.mode}")
 
 
 def _check_numbered_pictures(options: RenderOptions) -> None:
@@ -144,11 +149,10 @@ def _contradictions(job: StillJob | MovieJob) -> Iterator[tuple[object, str]]:
         yield from _of_shared_frames(job)
     if job.view != "picture":
         yield from _of_view(job)
-    still = isinstance(job, StillJob)
-    yield still and job.shutter and job.average, "--average: a picture with --shutter is the mean of its --frames"
+    exposed = isinstance(job, StillJob) and job.shutter
+    yield exposed and job.average, "--average: a picture with --shutter is the mean of its --frames"
     if job.target_error is not None:
-        for name, is_given in (("animate", not still), ("average", job.average), ("view", job.view != "picture")):
-            yield is_given, f"--target-error: a still picture of as many frames as it takes has no --{name}"
+        yield from _of_target_error(job)
 
 
 def _of_movie(job: StillJob | MovieJob) -> Iterator[tuple[object, str]]:
@@ -189,6 +193,12 @@ def _of_shared_frames(job: StillJob | MovieJob) -> Iterator[tuple[object, str]]:
         job.view != "picture",
         f"--view {job.view}: debug views are rendered by one device: leave --workers and --cluster out",
     )
+
+
+def _of_target_error(job: StillJob | MovieJob) -> Iterator[tuple[object, str]]:
+    wrong = {"animate": isinstance(job, MovieJob), "average": job.average, "view": job.view != "picture"}
+    for name, is_given in wrong.items():
+        yield is_given, f"--target-error: a still picture of as many frames as it takes has no --{name}"
 
 
 def _of_view(job: StillJob | MovieJob) -> Iterator[tuple[object, str]]:

@@ -22,18 +22,19 @@ PATIENCE = 5.0  # seconds to wait for an error; on some desktops xdg-open stays 
 
 def open_file(path: Path) -> None:
     """Open a file in the desktop's program for its kind. Where that isn't possible, standard error says why."""
-    reason = _why_not_opened(path)
+    reason = _open_on_desktop(path)
     if reason:
         print(f"--open: {path} is written, but not shown: {reason}", file=sys.stderr)
 
 
-def _why_not_opened(path: Path) -> str:
-    """Open a file; returns what went wrong."""
+def _open_on_desktop(path: Path) -> str:
+    """Open a file; returns what went wrong, "" if nothing did."""
     if not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
         return "this session has no desktop (DISPLAY and WAYLAND_DISPLAY aren't set)"
     command = shutil.which("xdg-open")
     if command is None:
         return "xdg-open is missing: install xdg-utils"
+    # In a session of its own, so that Ctrl-C in the terminal doesn't close the program that shows the picture.
     none = subprocess.DEVNULL
     process = subprocess.Popen(
         [command, str(path.resolve())], stdin=none, stdout=none, stderr=none, start_new_session=True
@@ -58,13 +59,13 @@ def check_can_show(output: Path) -> None:
 
 def show_file(path: Path) -> None:
     """Show a picture where standard output is a terminal. Where that isn't possible, standard error says why."""
-    reason = _why_not_shown(path) if sys.stdout.isatty() else ""
+    reason = _show_in_terminal(path) if sys.stdout.isatty() else ""
     if reason:
         print(f"--show: {path} is written, but not shown: {reason}", file=sys.stderr)
 
 
-def _why_not_shown(path: Path) -> str:
-    """Show a picture; returns what went wrong.
+def _show_in_terminal(path: Path) -> str:
+    """Show a picture; returns what went wrong, "" if nothing did.
 
     textual_image asks the terminal what it can show when it is imported, by kitty's graphics protocol or by sixels.
     Other terminals get two pixels in each character.
@@ -79,7 +80,8 @@ def _why_not_shown(path: Path) -> str:
         return "standard input is no terminal, so that the terminal can't be asked what it can show"
     if not console.width or console.height <= SPARE_LINES:
         return "the terminal has no size"
-    logging.getLogger("textual_image").setLevel(logging.ERROR)  # it warns of terminals that don't answer
+    # It warns of terminals that don't answer, before the import asks them.
+    logging.getLogger("textual_image").setLevel(logging.ERROR)
     from textual_image import renderable
 
     with Pixels.open(path) as picture:

@@ -29,6 +29,8 @@ class SamplePlan:
 
     def __init__(self, size: tuple[int, int], block: int, samples: int = 0) -> None:
         width, height = size
+        # Two cells a block, the black and the white fields of a checkerboard. A cell's number is that of its block,
+        # times two, and its color.
         rows, columns = np.indices((height, width))
         blocks = math.ceil(height / block), math.ceil(width / block)
         self.cells = 2 * (rows // block * blocks[1] + columns // block) + (rows + columns) % 2
@@ -69,9 +71,11 @@ class SamplePlan:
         counts = self._counts()
         if self.error <= target:
             wanted = counts
+        # The first passes give all pixels as many, until their variances are known.
         elif counts.min() < MIN_SAMPLES or not math.isfinite(self.error):
             wanted = np.full_like(counts, max(math.ceil(GROWTH * counts.max()), 1))
         else:
+            # In small steps, because variances that few samples tell are rough.
             needed = np.minimum(self._needed(AIM * target), GROWTH * counts)
             wanted = np.maximum(np.ceil(needed).astype(np.int64), counts)
             if (wanted == counts).all():  # all should have enough, and the error is still too large
@@ -85,24 +89,30 @@ class SamplePlan:
         estimated from the means of about the first half of its samples and of the rest, since the variance of single
         samples overestimates that of points of low-discrepancy sequences.
         """
-        light, counts = luminance(mean), self._counts()
+        light = luminance(mean)
+        counts = self._counts()
+        # Of each cell's earlier looks the one with about half of today's samples.
         half = np.zeros_like(counts)
         earlier = np.zeros_like(light)
         for count, look in self._looks:
             nearer = (abs(2 * count - counts) < abs(2 * half - counts)) & (count < counts)
             half = np.where(nearer, count, half)
             earlier = np.where(nearer[self.cells], look, earlier)
+        # earlier - light is the difference of the means of both halves, times the rest's share of the samples. Of
+        # independent samples the expectation of its square is the variance of the whole mean, times rest / half.
         ratio = (half / np.maximum(counts - half, 1))[self.cells]
         self._squares = np.where(ratio > 0, (earlier - light) ** 2 * ratio, self._squares)
         self.error = error_of_mean(mean, self._squares)
         self._looks = [*self._looks[1 - LOOKS :], (counts, light)]
-        self._light, self._rays = light, self._means(rays) / np.maximum(counts, 1)
+        self._light = light
+        self._rays = self._means(rays) / np.maximum(counts, 1)
 
     def _counts(self) -> NDArray[np.int64]:
         return np.minimum(self.begins + self.taken, self.ends)
 
     def _begin_pass(self, wanted: NDArray[np.int64]) -> None:
-        self.begins, self.taken = self._counts(), 0
+        self.begins = self._counts()
+        self.taken = 0
         self.ends = np.maximum(wanted, self.begins)
 
     def _needed(self, target: float) -> Floats:
@@ -125,6 +135,7 @@ class SamplePlan:
         def sums(numbers: NDArray[Any]) -> Floats:
             padded = np.pad(numbers.reshape(self._grid), ((1, 1), (1, 1), (0, 0)))
             around = np.lib.stride_tricks.sliding_window_view(padded, (3, 3), (0, 1)).sum(axis=(-2, -1))
+            # What the black cells of these blocks have counts for the white cell, and the other way round.
             found: Floats = around[..., ::-1].ravel()
             return found
 

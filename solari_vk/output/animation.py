@@ -53,13 +53,16 @@ def load_path(path: str | Path, camera: Camera, *, fps: float, count: int | None
     frame_times = np.linspace(times[0], times[-1], count)
     channels = {
         "transform": np.array([pose.transform for pose in poses]),
+        # So that a curve can't leave the range of angles from 0 to 360 degrees.
         "fov": np.array([math.log(math.tan(pose.vertical_fov / 4)) for pose in poses]),
         "ev100": np.array([pose.ev100 for pose in poses]),
     }
     curves = {name: _interpolate(times, values, frame_times) for name, values in channels.items()}
     cameras = []
     for transform, fov, ev100 in zip(curves["transform"], curves["fov"], curves["ev100"], strict=True):
-        transform[:3, :3], transform[3] = nearest_rotation(transform[:3, :3]), (0, 0, 0, 1)  # but for rounding
+        # The mean of two rotations is none, and rounding leaves the last row near (0, 0, 0, 1).
+        transform[:3, :3] = nearest_rotation(transform[:3, :3])
+        transform[3] = (0, 0, 0, 1)
         try:
             cameras.append(_camera(camera, transform, 4 * math.atan(math.exp(fov)), float(ev100)))
         except SolariError as error:  # curves overshoot
@@ -73,6 +76,17 @@ def _read(path: Path, camera: Camera) -> tuple[NDArray[np.float64], list[Camera]
         raise SolariError(f"{path}: a camera path is a JSON list of at least two poses")
     if len(items) > MAX_CAMERAS:
         raise SolariError(f"{path}: it has {len(items):,} poses; at most {MAX_CAMERAS:,} are read")
+    times = _read_times(path, items)
+    poses = [_pose(path, index, item, camera) for index, item in enumerate(items)]
+    for index, (a, b) in enumerate(pairwise(poses)):
+        # The trace of the rotation from one pose to the next is 1 + 2 cos(angle).
+        cosine = (np.sum(_axes(a) * _axes(b)) - 1) / 2
+        if cosine < math.cos(math.radians(MAX_TURN)):
+            raise SolariError(f"{path}: poses {index} and {index + 1} face opposite directions: add a pose between")
+    return times, poses
+
+
+def _read_times(path: Path, items: list[dict[str, Any]]) -> NDArray[np.float64]:
     timed = sum("time" in item for item in items)
     if timed not in (0, len(items)):
         raise SolariError(f"{path}: {timed} of {len(items)} poses have a 'time': give it to all or to none")
@@ -85,12 +99,7 @@ def _read(path: Path, camera: Camera) -> tuple[NDArray[np.float64], list[Camera]
             f"{path}: the times of poses must be finite, within {LATEST:g} s, and increase from pose to "
             f"pose, by {1 / LATEST:g} s or more"
         )
-    poses = [_pose(path, index, item, camera) for index, item in enumerate(items)]
-    for index, (a, b) in enumerate(pairwise(poses)):
-        cosine = (np.sum(_axes(a) * _axes(b)) - 1) / 2
-        if cosine < math.cos(math.radians(MAX_TURN)):
-            raise SolariError(f"{path}: poses {index} and {index + 1} face opposite directions: add a pose between")
-    return times, poses
+    return times
 
 
 def _pose(path: Path, index: int, item: dict[str, Any], camera: Camera) -> Camera:
@@ -113,12 +122,14 @@ def _interpolate(
 
     The slope at a pose is that of the parabola through the pose and its neighbors.
     """
+    # numpy's second-order differences are these slopes, also where times aren't evenly spaced.
     slopes = np.gradient(values, times, axis=0)
     first = np.clip(np.searchsorted(times, wanted_times, side="right") - 1, 0, len(times) - 2)
     shape = (-1, *[1] * (values.ndim - 1))
     step = np.diff(times)[first].reshape(shape)
     t = (wanted_times - times[first]).reshape(shape) / step
     start, end = values[first], values[first + 1]
+    # The cubic Hermite basis: weights of both values, then of both slopes.
     return np.asarray(
         start
         + (3 * t**2 - 2 * t**3) * (end - start)

@@ -24,10 +24,12 @@ def boxes(ids: Ids) -> dict[int, tuple[int, int, int, int]]:
     """The smallest box around the pixels of each instance in ids (height, width): x, y, width and height in pixels."""
     numbers, of_pixel = np.unique(ids, return_inverse=True)
     rows, columns = np.divmod(np.arange(ids.size), ids.shape[1])
-    low, high = np.full((2, len(numbers), 2), np.iinfo(np.int64).max)
-    high[:] = -1
-    np.minimum.at(low, of_pixel.ravel(), np.stack([columns, rows], 1))
-    np.maximum.at(high, of_pixel.ravel(), np.stack([columns, rows], 1))
+    places = np.stack([columns, rows], 1)
+    # One pass over the pixels for all instances, of which a picture may show thousands.
+    low = np.full((len(numbers), 2), np.iinfo(np.int64).max)
+    high = np.full((len(numbers), 2), -1)
+    np.minimum.at(low, of_pixel.ravel(), places)
+    np.maximum.at(high, of_pixel.ravel(), places)
     found = np.concatenate([low, high - low + 1], axis=1).tolist()
     return {int(number): tuple(box) for number, box in zip(numbers, found, strict=True) if number != NO_INSTANCE}
 
@@ -41,6 +43,7 @@ def merged_ids(ids: Ids, objects: Mapping[int, Sequence[int]]) -> Ids:
 
 def run_lengths(mask: NDArray[np.bool_]) -> list[int]:
     """COCO's uncompressed run lengths of a mask (height, width): column by column, the first run is outside of it."""
+    # A pixel outside before the first one makes the first run, which may be empty, one outside of the mask.
     pixels = np.concatenate([[False], mask.T.ravel()])
     ends = np.flatnonzero(pixels[1:] != pixels[:-1])
     return [int(length) for length in np.diff([0, *ends, mask.size])]
@@ -93,23 +96,29 @@ class Annotations:
                 "annotations: no instance has a label: assign instance.label, or give a file of classes "
                 "by --labels (label_instances)"
             )
-
-        self.objects = {first: [*parts] for first, parts in (objects or {}).items()}
+        self.objects = self._annotated_objects(objects or {})
         """The numbers of the parts of each annotated object, by that of the first one, which is the annotation's."""
-        parted = {part for parts in self.objects.values() for part in parts}
-        self.objects |= {number: [number] for number in self.labels if number not in parted}
-        self.objects = {first: parts for first, parts in self.objects.items() if first in self.labels}
-        named = {first: self.points_of(first, keypoints or {}) for first in self.objects}
-        self.keypoints = {self.labels[first]: tuple(names) for first, names in named.items() if len(names)}
+        self.keypoints = self._keypoints_of_classes(keypoints or {})
         """The names of the keypoints of each class that has any."""
-        for number, own in named.items():
-            label = self.labels[number]
-            if tuple(own) != self.keypoints.get(label, ()):
+
+    def _annotated_objects(self, objects: Mapping[int, Sequence[int]]) -> dict[int, list[int]]:
+        """The objects that have a label, and as further ones the instances with a label that are no part of any."""
+        found = {first: [*parts] for first, parts in objects.items() if first in self.labels}
+        parts = {part for each in objects.values() for part in each}
+        return found | {number: [number] for number in self.labels if number not in parts}
+
+    def _keypoints_of_classes(self, keypoints: Mapping[int, Sequence[str]]) -> dict[str, tuple[str, ...]]:
+        of_objects = {first: tuple(self.points_of(first, keypoints)) for first in self.objects}
+        of_classes = {self.labels[first]: names for first, names in of_objects.items() if names}
+        # COCO lists keypoints once for a class, not for each object.
+        for first, names in of_objects.items():
+            label = self.labels[first]
+            if names != of_classes.get(label, ()):
                 raise SolariError(
                     f"annotations: instances of the class {label!r} have other keypoints than "
-                    f"{', '.join(self.keypoints[label])}: give all of a class the same ones, in the same "
-                    "order"
+                    f"{', '.join(of_classes[label])}: give all of a class the same ones, in the same order"
                 )
+        return of_classes
 
     def points_of(self, number: int, points: Mapping[int, Any]) -> Any:
         """The keypoints of an object, of those of all instances by number: of the first part that has any, or none."""
@@ -132,7 +141,8 @@ class Annotations:
         width), and perhaps keypoints by instance's number, (count, 3): u, v and state, as of `keypoints`. Categories
         are counted from 1. Masks are run lengths; `instance_id` is the number of an object's first part.
         """
-        images, found = [], list[dict[str, Any]]()
+        images: list[dict[str, Any]] = []
+        found: list[dict[str, Any]] = []
         for image, (name, ids, *points) in enumerate(pictures, 1):
             ids = self.merged(ids)
             annotated = list(self._found(ids))
@@ -154,6 +164,7 @@ class Annotations:
                 )
                 named = self.points_of(number, points[0] if points else {})
                 if len(named):
+                    # COCO has zeros for keypoints that it doesn't label.
                     rows = np.where(named[:, 2:] > 0, named, 0.0)
                     found[-1] |= {"keypoints": rows.ravel().tolist(), "num_keypoints": int((rows[:, 2] > 0).sum())}
         categories = [{"id": n, "name": name, **self._category(name)} for n, name in enumerate(self.classes, 1)]
@@ -165,9 +176,9 @@ class Annotations:
 
     def yolo(self, ids: Ids) -> str:
         """A picture's lines: class from 0, then center and size of the box relative to the picture."""
-        lines, annotated = [], list(self._found(self.merged(ids)))
+        lines: list[str] = []
         height, width = ids.shape
-        for _, category, (x, y, across, down) in annotated:
+        for _, category, (x, y, across, down) in self._found(self.merged(ids)):
             box = (x + across / 2) / width, (y + down / 2) / height, across / width, down / height
             lines.append(" ".join([str(category), *(f"{value:.6f}" for value in box)]) + "\n")
         return "".join(lines)

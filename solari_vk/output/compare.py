@@ -53,20 +53,29 @@ def compare(
         check_output(heatmap, EIGHT_BIT)
         if not has_flip():
             raise SolariError(f"{heatmap}: a heatmap is made by FLIP: {INSTALL_FLIP}")
-    (given, codes), (true, true_codes) = _read(picture), _read(reference)
-    if codes != true_codes:
+    colors, in_8_bits = _read(picture)
+    true, true_in_8_bits = _read(reference)
+    if in_8_bits != true_in_8_bits:
         raise SolariError("compare: takes two pictures of 8 bits, or two of radiance: one is of 8 bits here")
-    if given.shape != true.shape:
-        raise SolariError(f"compare: pictures have one size, not {given.shape} and {true.shape}")
+    if colors.shape != true.shape:
+        raise SolariError(f"compare: pictures have one size, not {colors.shape} and {true.shape}")
+    # The mean of a channel may be 0 in both: then the ratio is nan, as it should be.
     with np.errstate(divide="ignore", invalid="ignore"):
-        ratio = given.mean(axis=(0, 1)) / true.mean(axis=(0, 1))
-    factor = None if codes else _shown_with(true, reference, picture) if exposure is None else exposure
+        ratio = colors.mean(axis=(0, 1)) / true.mean(axis=(0, 1))
+    if in_8_bits:
+        exposure = None
+    elif exposure is None:
+        exposure = _shown_with(true, reference, picture)
     if not has_flip():
         warn(f"compare: FLIP is left out, as nan: {INSTALL_FLIP}")
     if heatmap is not None:
-        colors = _evaluate(given, true, factor, applyMagma=True)[0]
-        write_codes(Path(heatmap), np.rint(255 * np.clip(colors, 0, 1)).astype(np.uint8))
-    return Difference(relative_mse(given, true), ratio, flip(given, true, factor))
+        _write_heatmap(Path(heatmap), colors, true, exposure)
+    return Difference(relative_mse(colors, true), ratio, flip(colors, true, exposure))
+
+
+def _write_heatmap(path: Path, image: NDArray[Any], reference: NDArray[Any], exposure: float | None) -> None:
+    errors = _evaluate(image, reference, exposure, applyMagma=True)[0]
+    write_codes(path, np.rint(255 * np.clip(errors, 0, 1)).astype(np.uint8))
 
 
 def _shown_with(radiance: NDArray[np.float64], *pictures: Any) -> float:
@@ -80,26 +89,28 @@ def _shown_with(radiance: NDArray[np.float64], *pictures: Any) -> float:
 def _read(picture: Any) -> tuple[NDArray[np.float64], bool]:
     """The linear colors of a picture, and whether it is one of 8 bits."""
     if isinstance(picture, str | os.PathLike):
-        colors = read_colors(picture, what="a picture to compare")
-        found, codes = np.asarray(colors, np.float64), Path(picture).suffix.lower() not in (".exr", ".hdr")
+        found = np.asarray(read_colors(picture, what="a picture to compare"), np.float64)
+        in_8_bits = Path(picture).suffix.lower() not in (".exr", ".hdr")
     else:
-        given = picture if isinstance(picture, np.ndarray) or not hasattr(picture, "keys") else picture["radiance"]
-        codes = getattr(given, "dtype", None) == np.uint8
+        is_frame = not isinstance(picture, np.ndarray) and hasattr(picture, "keys")
+        values = picture["radiance"] if is_frame else picture
+        in_8_bits = getattr(values, "dtype", None) == np.uint8
         try:
-            found = np.asarray(LINEAR_OF_SRGB[given] if codes else given, np.float64)
+            found = np.asarray(LINEAR_OF_SRGB[values] if in_8_bits else values, np.float64)
         except (TypeError, ValueError):
-            found = np.empty(0)
+            found = np.empty(0)  # which is refused below, with what was given
     if found.ndim != 3 or found.shape[2] != 3 or not found.size or not np.isfinite(found).all():
         shown = picture.shape if isinstance(picture, np.ndarray) else picture
         raise SolariError(
             "compare: takes frames, arrays (height, width, 3) of finite radiance or of 8 bits, or paths, "
             f"not {quoted(shown)}"
         )
-    return found, codes
+    return found, in_8_bits
 
 
 def squared_scale(reference: NDArray[Any]) -> NDArray[Any]:
     """What relMSE divides squared errors by: the squared reference, plus 1 % of its squared mean."""
+    # Without the floor a few black pixels would be the whole error; 1e-12 is for pictures that are black.
     scale: NDArray[Any] = reference**2 + (1e-2 * float(np.mean(reference)) ** 2 + 1e-12)
     return scale
 
@@ -137,11 +148,12 @@ def _evaluate(
     """FLIP's map of errors, and their mean."""
     import flip_evaluator
 
-    given = (np.ascontiguousarray(np.maximum(picture, 0.0), np.float32) for picture in (reference, image))
+    pair = [np.ascontiguousarray(np.maximum(picture, 0.0), np.float32) for picture in (reference, image)]
     if exposure is None:
-        found = flip_evaluator.evaluate(*given, "LDR", inputsRGB=False, applyMagma=applyMagma)
+        found = flip_evaluator.evaluate(*pair, "LDR", inputsRGB=False, applyMagma=applyMagma)
     else:
+        # FLIP counts exposures in stops; the camera's is a factor.
         middle = math.log2(exposure)
         exposures = {"startExposure": middle - 2, "stopExposure": middle + 2, "numExposures": 5}
-        found = flip_evaluator.evaluate(*given, "HDR", applyMagma=applyMagma, parameters=exposures)
+        found = flip_evaluator.evaluate(*pair, "HDR", applyMagma=applyMagma, parameters=exposures)
     return tuple(found)

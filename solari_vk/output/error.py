@@ -65,12 +65,16 @@ class ErrorEstimate:
         a quarter of their squared difference. Points of low-discrepancy sequences have variances that fall faster than
         1 / N, as N^-p; halves then differ by (2^p - 1) times as much, squared. p is that of earlier estimates.
         """
-        light, square = luminance(mean), math.nan
+        light = luminance(mean)
+        square = math.nan
         if self._means:
             first, earlier, before = min(self._means, key=lambda look: abs(look[0] - count / 2))
             square = error_of_mean(mean, (earlier - light) ** 2 * (first / (count - first))) ** 2
             fall = math.log(before / square) / math.log(count / first) if before > 0 and square > 0 else 1.0
-            self.error = math.sqrt(square / (2 ** min(max(fall, 1.0), STEEPEST) - 1))
+            # 1 is that of independent samples; steeper estimates come from noise in two looks.
+            power = min(max(fall, 1.0), STEEPEST)
+            self.error = math.sqrt(square / (2**power - 1))
+        # A first half is found among the looks from a third on.
         self._means = [look for look in self._means if look[0] >= count / 3] + [(count, light, square)]
         self.next_count = math.ceil(1.25 * count)
 
@@ -78,6 +82,7 @@ class ErrorEstimate:
         """The picture is something else made of samples with this mean (height, width, 3)."""
         self._sums.append((count, count * mean.astype(np.float64)))
         if len(self._sums) == 3:
+            # Two halves of samples that came after the picture, which are independent of it and of each other.
             assert self._picture is not None
             halves = [(later[1] - sooner[1]) / (later[0] - sooner[0]) for sooner, later in pairwise(self._sums)]
             self.error = error_of_other(self._picture, *halves)
@@ -97,7 +102,7 @@ def luminance(picture: NDArray[Any]) -> Floats:
 def relative_squares(picture: NDArray[Any], squares: NDArray[Any]) -> Floats:
     """Squared errors (height, width) relative to the squared luminance of a picture (height, width, 3), for blocks."""
     light = luminance(picture)
-    floor = 1e-2 * float(light.mean()) ** 2 or 1.0
+    floor = 1e-2 * float(light.mean()) ** 2 or 1.0  # of a black picture
     relative: Floats = _blocks(squares) / (_blocks(light) ** 2 + floor)
     return relative
 
@@ -113,6 +118,7 @@ def _blocks(values: NDArray[Any]) -> Floats:
 
 def area_means(picture: NDArray[Any], size: tuple[int, int]) -> Floats:
     """The means of a picture (height, width, channels) over the pixels of one of another width and height."""
+    # Differences of running sums at the edges of the wider pixels, which may lie within a narrow one.
     result = picture.astype(np.float64)
     for axis, count in enumerate(size[::-1]):
         length = result.shape[axis]
@@ -120,6 +126,7 @@ def area_means(picture: NDArray[Any], size: tuple[int, int]) -> Floats:
         edges = np.linspace(0, length, count + 1)
         below = np.minimum(edges.astype(int), length - 1)
         parts = np.expand_dims(edges - below, [other for other in range(result.ndim) if other != axis])
-        low, high = np.take(sums, below, axis), np.take(sums, below + 1, axis)
+        low = np.take(sums, below, axis)
+        high = np.take(sums, below + 1, axis)
         result = np.diff(low + parts * (high - low), axis=axis) * (count / length)
     return result

@@ -31,6 +31,7 @@ def save_kitti_flow(path: str | os.PathLike[str], flow: ArrayLike, valid: ArrayL
     if given.ndim != 3 or given.shape[2] != 2:
         raise SolariError(f"{path}: flow has the shape (height, width, 2), not {given.shape}")
     counts = _valid(path, given.max(axis=2) - given.min(axis=2), valid)
+    # The development kit reads (code - 2^15) / 64, and the third channel as whether the pixel counts.
     codes = np.rint(_within(path, given, counts[..., None], -LARGEST_FLOW, LARGEST_FLOW, 64) * 64) + (1 << 15)
     pixels = np.where(counts[..., None], np.concatenate([codes, np.ones_like(codes[..., :1])], axis=2), 0)
     write_whole(Path(path), png_16(pixels.astype(np.uint16)))
@@ -47,7 +48,8 @@ def save_kitti_disparity(path: str | os.PathLike[str], disparity: ArrayLike, val
         raise SolariError(f"{path}: disparity has the shape (height, width), not {given.shape}")
     counts = _valid(path, given, valid)
     codes = np.rint(_within(path, given, counts, 0.0, LARGEST_DISPARITY, 256) * 256)
-    write_whole(Path(path), png_16(np.where(counts, np.maximum(codes, 1), 0).astype(np.uint16)))  # 0: not valid
+    # 0 stands for pixels that don't count, so that the least disparity is one step.
+    write_whole(Path(path), png_16(np.where(counts, np.maximum(codes, 1), 0).astype(np.uint16)))
 
 
 def _valid(path: str | os.PathLike[str], values: NDArray[np.float64], valid: ArrayLike | None) -> NDArray[np.bool_]:
@@ -82,10 +84,11 @@ def png_16(pixels: NDArray[np.uint16]) -> bytes:
     height, width = pixels.shape[:2]
     color_type = 2 if pixels.ndim == 3 else 0
     rows = pixels.astype(">u2").reshape(height, -1).view(np.uint8)
-    lines = np.concatenate([np.zeros((height, 1), np.uint8), rows], axis=1)  # no filter
+    # Each line begins with the number of its filter: 0 is none (PNG specification, 9.2).
+    lines = np.concatenate([np.zeros((height, 1), np.uint8), rows], axis=1)
     header = struct.pack(">IIBBBBB", width, height, 16, color_type, 0, 0, 0)
     chunks = (b"IHDR", header), (b"IDAT", zlib.compress(lines.tobytes(), 6)), (b"IEND", b"")
-    parts = (
-        struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data)) for kind, data in chunks
-    )
-    return b"\x89PNG\r\n\x1a\n" + b"".join(parts)
+    content = b"\x89PNG\r\n\x1a\n"
+    for kind, data in chunks:
+        content += struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
+    return content

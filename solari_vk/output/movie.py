@@ -43,6 +43,7 @@ def save_video(path: str | os.PathLike[str], pictures: Iterable[NDArray[np.uint8
     files: list[bytes] = []
     size: tuple[int, ...] = ()
     for picture in pictures:
+        # Anything may come from a user; the first picture says the size.
         shape: tuple[int, ...] = getattr(picture, "shape", ())
         kind = str(getattr(picture, "dtype", type(picture).__name__))
         size = size or shape
@@ -76,7 +77,8 @@ def _write(path: Path, pictures: Sequence[bytes], fps: float) -> None:
 
 def _find_ffmpeg(path: Path) -> str:
     """The ffmpeg on the PATH, else the one that the package imageio-ffmpeg ships."""
-    if found := shutil.which("ffmpeg"):
+    found = shutil.which("ffmpeg")
+    if found:
         return found
     try:
         from imageio_ffmpeg import get_ffmpeg_exe
@@ -99,7 +101,7 @@ def _write_gif(path: Path, pictures: Sequence[bytes], fps: float) -> None:
 
 def _write_mp4(ffmpeg: str, path: Path, pictures: Sequence[bytes], fps: float) -> None:
     source = ["-f", "image2pipe", "-c:v", "png", "-framerate", str(fps), "-i", "-"]
-    # yuv420p, which all players know, stores color at half the resolution: width and height must be even
+    # yuv420p, which all players know, stores color at half the resolution: width and height must be even.
     target = ["-vf", "pad=ceil(iw/2)*2:ceil(ih/2)*2", "-pix_fmt", "yuv420p", str(path)]
     command = [ffmpeg, "-y", "-loglevel", "error", *source, *target]
     ran = subprocess.run(command, input=b"".join(pictures), capture_output=True, check=False)

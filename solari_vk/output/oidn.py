@@ -46,7 +46,8 @@ def denoise(
     """
     library = _library()
     mean = float(np.mean(radiance, dtype=np.float64))
-    if mean == 0:  # OIDN would see a faint light
+    # OIDN makes a faint light of a picture without any.
+    if mean == 0:
         return np.zeros(radiance.shape, np.float32)
     # A power of two scales radiance without rounding to where OIDN works well, whatever its unit.
     shift = -round(math.log2(mean)) if mean < math.inf else 0

@@ -15,15 +15,15 @@ from numpy.typing import ArrayLike, NDArray
 
 from solari_vk.base.errors import SolariError, checked_keywords
 from solari_vk.base.files import check_writable, whole_file, write_whole
-from solari_vk.output.cutout import encode_cutout
 from solari_vk.output.tone_mapping import Colors, encode_picture
+from solari_vk.output.transparency import encode_transparent
 from solari_vk.scene.images import exr
 
 JPEG = (".jpg", ".jpeg")
 EIGHT_BIT = (".png", *JPEG)
 WITH_ALPHA = (".png", ".exr")
-WHOLE = (".exr", ".npz")  # have layers inside
-SUFFIXES = (*EIGHT_BIT, *WHOLE, ".npy")
+WITH_LAYERS = (".exr", ".npz")  # others have a file beside them for each layer
+SUFFIXES = (*EIGHT_BIT, *WITH_LAYERS, ".npy")
 
 
 def check_output(path: str | os.PathLike[str], suffixes: Sequence[str] = SUFFIXES) -> None:
@@ -62,40 +62,51 @@ def save_image(
         raise SolariError(f"save_image: the path of a file comes first, then the radiance, not {type(path).__name__}")
     target = Path(path)
     _check_suffix(target, SUFFIXES)
+    picture = _as_picture(target, radiance)
+    arrays = {name: np.asarray(layer) for name, layer in (layers or {}).items()}
+    _check_layers(target, picture, arrays, has_alpha=alpha is not None)
+    if alpha is not None:
+        check_alpha(target)
+    suffix = target.suffix.lower()
+    if suffix == ".exr":
+        header = {"exposure": repr(float(exposure)), **(metadata or {})}
+        _write_exr(target, picture, arrays if alpha is None else arrays | {"A": alpha}, header)
+    elif suffix == ".npz":
+        _write_npz(target, {"radiance": picture} | arrays)
+    else:
+        if suffix == ".npy":
+            write_npy(target, picture)
+        else:
+            write_codes(target, _codes(picture, alpha, exposure, tonemap))
+        for name, layer in arrays.items():
+            write_npy(target.with_name(f"{target.stem}.{name}.npy"), layer)
+
+
+def _codes(picture: Colors, alpha: NDArray[np.float32] | None, exposure: float, curve: str) -> NDArray[np.uint8]:
+    if alpha is None:
+        return encode_picture(picture, exposure=exposure, curve=curve)
+    return encode_transparent(picture, alpha, exposure=exposure, curve=curve)
+
+
+def _as_picture(target: Path, radiance: ArrayLike) -> Colors:
     picture = np.asarray(radiance, np.float32)
     if picture.ndim != 3 or picture.shape[2] != 3 or 0 in picture.shape:
         raise SolariError(f"{target}: a picture has the shape (height, width, 3), not {picture.shape}")
-    layers = {name: np.asarray(layer) for name, layer in (layers or {}).items()}
-    channels = ("R", "G", "B") if alpha is None else ("R", "G", "B", "A")
-    taken = {".npz": ("radiance",), ".exr": channels}.get(target.suffix.lower(), ())
+    return picture
+
+
+def _check_layers(target: Path, picture: Colors, layers: Mapping[str, NDArray[Any]], has_alpha: bool) -> None:
+    """Raise SolariError for layers of another size than the picture, and for names that it has itself in the file."""
+    names: tuple[str, ...] = ()
+    if target.suffix.lower() == ".npz":
+        names = ("radiance",)
+    elif target.suffix.lower() == ".exr":
+        names = ("R", "G", "B", "A") if has_alpha else ("R", "G", "B")
     for name, layer in layers.items():
-        if name in taken:
+        if name in names:
             raise SolariError(f"{target}: the picture itself has the name '{name}' there: call the layer otherwise")
         if layer.shape[:2] != picture.shape[:2] or layer.ndim not in (2, 3) or layer.shape[2:] > (4,):
             raise SolariError(f"{target}: layer '{name}' has the shape {layer.shape}, the picture {picture.shape}")
-    suffix = target.suffix.lower()
-    alphas = {} if alpha is None else {"A": alpha}
-    if alpha is not None:
-        check_alpha(target)
-    if suffix == ".exr":
-        _write_exr(target, picture, layers | alphas, {"exposure": repr(float(exposure)), **(metadata or {})})
-        return
-    if suffix == ".npz":
-        content = io.BytesIO()
-        with zipfile.ZipFile(content, "w", zipfile.ZIP_DEFLATED) as archive:
-            for name, array in ({"radiance": picture} | layers).items():  # numpy.savez takes some names for options
-                with archive.open(f"{name}.npy", "w", force_zip64=True) as part:
-                    np.lib.format.write_array(part, array, allow_pickle=False)
-        write_whole(target, content.getbuffer())
-        return
-    if suffix == ".npy":
-        write_npy(target, picture)
-    elif alpha is not None:
-        write_codes(target, encode_cutout(picture, alpha, exposure=exposure, curve=tonemap))
-    else:
-        write_codes(target, encode_picture(picture, exposure=exposure, curve=tonemap))
-    for name, layer in layers.items():
-        write_npy(target.with_name(f"{target.stem}.{name}.npy"), layer)
 
 
 def check_alpha(path: Path) -> None:
@@ -106,8 +117,19 @@ def check_alpha(path: Path) -> None:
 
 def write_npy(path: Path, array: NDArray[Any]) -> None:
     """Write an array as a .npy file. Raises SolariError for a file that can't be written."""
+    # Not into the file itself: numpy doesn't report when it can't write the end of a file.
     content = io.BytesIO()
-    np.save(content, array)  # which doesn't report when it can't write the end of a file
+    np.save(content, array)
+    write_whole(path, content.getbuffer())
+
+
+def _write_npz(path: Path, arrays: Mapping[str, NDArray[Any]]) -> None:
+    content = io.BytesIO()
+    # Not by numpy.savez, which takes names such as "file" for its own arguments.
+    with zipfile.ZipFile(content, "w", zipfile.ZIP_DEFLATED) as archive:
+        for name, array in arrays.items():
+            with archive.open(f"{name}.npy", "w", force_zip64=True) as part:
+                np.lib.format.write_array(part, array, allow_pickle=False)
     write_whole(path, content.getbuffer())
 
 
@@ -140,14 +162,7 @@ def _write_exr(path: Path, picture: Colors, layers: dict[str, NDArray[Any]], met
 
     channels = {letter: picture[..., i] for i, letter in enumerate("RGB")}
     for name, layer in layers.items():
-        if layer.dtype not in (np.float16, np.float32, np.uint32):
-            layer = layer.astype(np.uint32 if layer.dtype.kind in "bu" else np.float32)
-        if layer.ndim == 2 or layer.shape[2] == 1:
-            channels[name] = layer.reshape(layer.shape[:2])
-            continue
-        spatial = layer.shape[2] == 2 or any(word in name for word in ("normal", "position", "motion", "direction"))
-        for i, letter in zip(range(layer.shape[2]), "XYZW" if spatial else "RGBA", strict=False):
-            channels[f"{name}.{letter}"] = layer[..., i]
+        channels |= _channels(name, layer)
     header: dict[str, Any] = {
         "compression": OpenEXR.ZIP_COMPRESSION,
         "type": OpenEXR.scanlineimage,
@@ -156,5 +171,18 @@ def _write_exr(path: Path, picture: Colors, layers: dict[str, NDArray[Any]], met
     }
     with whole_file(path) as temporary:
         OpenEXR.File(header, {name: np.ascontiguousarray(c) for name, c in channels.items()}).write(str(temporary))
+        # OpenEXR doesn't report a full disk, and nothing else is known to cut a file short.
         if not exr.is_whole(temporary.read_bytes()):
-            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))  # as far as one can know
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+
+def _channels(name: str, layer: NDArray[Any]) -> dict[str, NDArray[Any]]:
+    """The channels of a layer by their names in an .exr: floats of 16 or 32 bits, or integers of 32 without a sign."""
+    if layer.dtype not in (np.float16, np.float32, np.uint32):
+        layer = layer.astype(np.uint32 if layer.dtype.kind in "bu" else np.float32)
+    if layer.ndim == 2 or layer.shape[2] == 1:
+        return {name: layer.reshape(layer.shape[:2])}
+    # Programs show R, G and B as a color, and X, Y and Z as a vector.
+    is_vector = layer.shape[2] == 2 or any(word in name for word in ("normal", "position", "motion", "direction"))
+    letters = "XYZW" if is_vector else "RGBA"
+    return {f"{name}.{letters[i]}": layer[..., i] for i in range(layer.shape[2])}

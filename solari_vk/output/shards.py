@@ -6,7 +6,7 @@ import io
 import json
 import os
 import tarfile
-from collections.abc import Iterable, Mapping
+from collections.abc import Container, Iterable, Mapping
 from itertools import islice
 from pathlib import Path
 from typing import Any
@@ -31,33 +31,51 @@ def save_shards(
     """
     if per_shard < 1:
         raise SolariError(f"save_shards: per_shard is at least 1, not {per_shard}")
-    root, paths, keys = Path(folder), list[Path](), set[str]()
+    root = Path(folder)
     make_folder(root)
+    paths: list[Path] = []
+    keys: set[str] = set()
     rest = iter(samples)
     while part := list(islice(rest, per_shard)):
-        paths.append(root / SHARD.format(len(paths)))
-        with whole_file(paths[-1]) as temporary, tarfile.open(temporary, "w", format=tarfile.PAX_FORMAT) as tar:
-            for key, contents in part:
-                if not key or set(key) & set("./\\") or key in keys:
-                    raise SolariError(
-                        f"{paths[-1]}: the key {key!r} of a sample has a dot or a slash, or is there already"
-                    )
-                keys.add(key)
-                for suffix, content in contents.items():
-                    try:
-                        data = _data(content)
-                    except TypeError as error:
-                        raise SolariError(f"{paths[-1]}: {key}.{suffix}: {error}") from None
-                    entry = tarfile.TarInfo(f"{key}.{suffix}")
-                    entry.size, entry.mode = len(data), 0o644
-                    tar.addfile(entry, io.BytesIO(data))
+        path = root / SHARD.format(len(paths))
+        _write_shard(path, part, keys)
+        paths.append(path)
+    # Those of an earlier call with more samples would be read as part of this one.
     for path in root.glob("[0-9]" * 6 + ".tar"):
         if path not in paths:
             path.unlink()
     return paths
 
 
-def _data(content: Any) -> bytes:
+def _write_shard(path: Path, samples: Iterable[tuple[str, Mapping[str, Any]]], keys: set[str]) -> None:
+    """Write a .tar file. keys: those of the folder, to which the samples' are added."""
+    with whole_file(path) as temporary, tarfile.open(temporary, "w", format=tarfile.PAX_FORMAT) as tar:
+        for key, contents in samples:
+            _check_key(key, keys, path)
+            keys.add(key)
+            for suffix, content in contents.items():
+                _add_file(tar, f"{key}.{suffix}", content, path)
+
+
+def _check_key(key: str, known: Container[str], path: Path) -> None:
+    # Readers take the name of a file up to its first dot for the key of its sample.
+    if not key or set(key) & set("./\\") or key in known:
+        raise SolariError(f"{path}: the key {key!r} of a sample has a dot or a slash, or is there already")
+
+
+def _add_file(tar: tarfile.TarFile, name: str, content: Any, path: Path) -> None:
+    try:
+        data = _bytes_of(content)
+    except TypeError as error:
+        raise SolariError(f"{path}: {name}: {error}") from None
+    # Neither time nor owner, so that equal samples give equal files.
+    entry = tarfile.TarInfo(name)
+    entry.size = len(data)
+    entry.mode = 0o644
+    tar.addfile(entry, io.BytesIO(data))
+
+
+def _bytes_of(content: Any) -> bytes:
     if isinstance(content, bytes):
         return content
     if isinstance(content, Path):
@@ -69,7 +87,8 @@ def _data(content: Any) -> bytes:
         file = io.BytesIO()
         np.save(file, content)
         return file.getvalue()
-    return (content if isinstance(content, str) else json.dumps(content, default=_number)).encode()
+    text = content if isinstance(content, str) else json.dumps(content, default=_number)
+    return text.encode()
 
 
 def _number(value: Any) -> Any:

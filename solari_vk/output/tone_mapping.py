@@ -24,11 +24,16 @@ MAX_EXPOSED = 1e6  # brighter colors are clipped to this first, so that no curve
 
 # Medians of the lit pixels after exposure, where 1 is shown as white. Outside this range little can be seen.
 VISIBLE_MEDIANS = 1e-4, 30.0
-CLIPPED_CODE, MOST_CLIPPED = 250, 0.05  # a well exposed picture has no larger share of such codes,
-BRIGHT_PERCENTILE, LEAST_BRIGHT = 95, 30  # and this percentile of its codes isn't below that
+# A well exposed picture has at most this share of codes from CLIPPED_CODE on, and at least this one as a percentile.
+CLIPPED_CODE = 250
+MOST_CLIPPED = 0.05
+BRIGHT_PERCENTILE = 95
+LEAST_BRIGHT = 30
 
 ACES_EXPOSURE = 0.6
-ACES_NUMERATOR, ACES_DENOMINATOR = (2.51, 0.03), (2.43, 0.59, 0.14)  # polynomials, highest power first
+# The fit is a ratio of two polynomials, of which these are the coefficients, highest power first.
+ACES_NUMERATOR = (2.51, 0.03)
+ACES_DENOMINATOR = (2.43, 0.59, 0.14)
 
 AGX_INSET = np.array(
     [
@@ -38,12 +43,18 @@ AGX_INSET = np.array(
     ]
 )
 AGX_CURVE = (15.5, -40.14, 31.96, -6.868, 0.4298, 0.1191, -0.00232)  # highest power first
-AGX_MIN_STOPS, AGX_MAX_STOPS = -12.47393, 4.026069
+# The range of log2(color) that the curve is for: 10 stops below middle gray to 6.5 above.
+AGX_MIN_STOPS = -12.47393
+AGX_MAX_STOPS = 4.026069
 AGX_GAMMA = 2.2
 _AGX_OUTSET = np.linalg.inv(AGX_INSET).astype(np.float32)
 
 # IEC 61966-2-1: linear up to the knee, then SCALE x^(1 / GAMMA) - OFFSET.
-SRGB_KNEE, SRGB_SLOPE, SRGB_SCALE, SRGB_OFFSET, SRGB_GAMMA = 0.0031308, 12.92, 1.055, 0.055, 2.4
+SRGB_KNEE = 0.0031308
+SRGB_SLOPE = 12.92
+SRGB_SCALE = 1.055
+SRGB_OFFSET = 0.055
+SRGB_GAMMA = 2.4
 SRGB_ENCODED_KNEE = 0.04045
 
 # ---- curves -----------------------------------------------------------------------------------------
@@ -64,7 +75,8 @@ def reinhard(color: Colors) -> Colors:
 def aces(color: Colors) -> Colors:
     """Fit of the ACES filmic curve. Narkowicz, "ACES Filmic Tone Mapping Curve", 2015 (with its 0.6 pre-exposure)."""
     x = np.clip(color, 0, MAX_EXPOSED) * np.float32(ACES_EXPOSURE)
-    (a, b), (c, d, e) = ACES_NUMERATOR, ACES_DENOMINATOR
+    a, b = ACES_NUMERATOR
+    c, d, e = ACES_DENOMINATOR
     return np.clip(x * (a * x + b) / (x * (c * x + d) + e), 0, 1)
 
 
@@ -155,8 +167,10 @@ def auto_exposure(radiance: ArrayLike, surfaces: ArrayLike | None = None) -> flo
     luminance = luminance[np.isfinite(luminance) & (luminance > 0)]
     if not luminance.size:
         return 0.0
+    # The logarithm weighs darkness as much as light: a few pixels near black would brighten the whole picture.
     luminance = luminance[luminance >= 1e-6 * luminance.mean()]
     average = np.exp(np.log(luminance).mean())
+    # EV100 shows a luminance of 1.2 * 2^EV100 as white (saturation-based speed of ISO 12232).
     return float(np.clip(np.log2(average / (1.2 * MIDDLE_GRAY)), -100, 100))
 
 
@@ -166,7 +180,9 @@ def unseen(picture: NDArray[Any]) -> str:
         return "black"
     typical = float(np.median(picture[picture > 0]))
     darkest, brightest = VISIBLE_MEDIANS
-    return "" if darkest < typical < brightest else "bright" if typical > 1 else "dark"
+    if darkest < typical < brightest:
+        return ""
+    return "bright" if typical > 1 else "dark"
 
 
 def misexposed(codes: NDArray[np.uint8]) -> str:

@@ -17,8 +17,8 @@ from solari_vk.bound.features import LENSES
 from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.frame.frame import Row, Stage
 from solari_vk.gpu.tensors.exports import CudaTensor
-from solari_vk.output.cutout import backdrop, premultiplied
 from solari_vk.output.tone_mapping import auto_exposure
+from solari_vk.output.transparency import backdrop, premultiplied
 from solari_vk.passes import brdf_table
 from solari_vk.renderers.first_hit_reader import FirstHitReader
 from solari_vk.renderers.results import RenderedFrame

@@ -12,8 +12,8 @@ from support.files import GltfWriter
 from solari_vk.base.errors import SolariError
 from solari_vk.cli import main
 from solari_vk.lab.measure import fidelity
-from solari_vk.output.cutout import backdrop
 from solari_vk.output.tone_mapping import decode_srgb
+from solari_vk.output.transparency import backdrop
 from solari_vk.scene.lights.environment import Environment
 
 RED = (255, 0, 0)

@@ -21,7 +21,7 @@ from solari_vk.base import files
 from solari_vk.cli import main
 from solari_vk.data.datasets.journal import Journal
 from solari_vk.lab.measure.report import Report
-from solari_vk.output.kept import frames_folder, write_or_keep
+from solari_vk.output.fallback import frames_folder, write_with_fallback
 
 SMALL = ["builtin:cornell_box", "--size", "8x8"]
 REFERENCE = [*SMALL, "--mode", "reference", "--samples", "1"]
@@ -251,7 +251,7 @@ def fail(path: Path) -> None:
 
 def test_a_picture_that_fits_nowhere(tmp_path, elsewhere, monkeypatch):
     with pytest.raises(sv.SolariError, match=r"^a\.png: full$"):
-        write_or_keep(Path("a.png"), fail)
+        write_with_fallback(Path("a.png"), fail)
     assert not any(elsewhere.iterdir())
 
     def none(**_: object) -> str:
@@ -259,7 +259,7 @@ def test_a_picture_that_fits_nowhere(tmp_path, elsewhere, monkeypatch):
 
     monkeypatch.setattr(tempfile, "mkdtemp", none)
     with pytest.raises(sv.SolariError, match=r"^a\.png: full$"):
-        write_or_keep(Path("a.png"), fail)
+        write_with_fallback(Path("a.png"), fail)
     with pytest.raises(sv.SolariError, match="No usable temporary directory found: set TMPDIR"), frames_folder():
         pass
 

@@ -26,7 +26,7 @@ from solari_vk.data.annotate.optical_flow import OUTSIDE, Flow, optical_flow
 from solari_vk.data.annotate.silhouettes import trace_silhouettes
 from solari_vk.data.randomize.randomizer import Randomizer
 from solari_vk.data.sensors.sensor import Sensor
-from solari_vk.output.picture import WHOLE, save_image, write_npy
+from solari_vk.output.picture import WITH_LAYERS, save_image, write_npy
 from solari_vk.passes.reference import numbered_seed
 from solari_vk.renderers.accumulator import FrameAccumulator
 from solari_vk.renderers.cluster.device_session import DeviceSession
@@ -104,9 +104,9 @@ class Style:
         return list(scene.instances) if self.randomizer is None else self.randomizer.objects(scene)
 
     def files_of(self, view: View) -> list[str]:
-        """The names of the files of a view, those of WHOLE with the layers inside."""
+        """The names of the files of a view, those of WITH_LAYERS with the layers inside."""
         path = Path(view.name)
-        beside = [] if path.suffix.lower() in WHOLE else [f"{path.stem}.{layer}.npy" for layer in self.layers]
+        beside = [] if path.suffix.lower() in WITH_LAYERS else [f"{path.stem}.{layer}.npy" for layer in self.layers]
         return [view.name, *beside]
 
 

@@ -19,8 +19,8 @@ from solari_vk.lab.cli.fidelity_job import FidelityJob
 from solari_vk.lab.measure import fidelity
 from solari_vk.lab.measure.fidelity import Scenario
 from solari_vk.output import oidn
-from solari_vk.output.cutout import backdrop
 from solari_vk.output.picture import check_output, write_codes
+from solari_vk.output.transparency import backdrop
 from solari_vk.scene.model import Camera
 
 

@@ -20,8 +20,8 @@ from numpy.typing import NDArray
 
 from solari_vk.base.errors import SolariError, quoted, unknown_name
 from solari_vk.base.files import read_json
-from solari_vk.output.cutout import premultiplied, straight
 from solari_vk.output.tone_mapping import Colors, clip, encode_srgb
+from solari_vk.output.transparency import premultiplied, straight
 from solari_vk.scene.material import UNLIT_RADIANCE
 from solari_vk.scene.model import Camera, Scene
 

@@ -1,4 +1,4 @@
-"""What is rendered is kept in a temporary folder when its file can't be written."""
+"""What took long to render isn't lost when its file can't be written: it goes into a temporary folder."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from solari_vk.base.errors import SolariError
 from solari_vk.base.files import make_temporary_folder
 
 
-def write_or_keep(path: Path, write: Callable[[Path], None]) -> None:
+def write_with_fallback(path: Path, write: Callable[[Path], None]) -> None:
     """Write a picture by `write(path)`. Raises SolariError when that fails; it says where the picture is instead."""
     try:
         write(path)
@@ -22,6 +22,7 @@ def write_or_keep(path: Path, write: Callable[[Path], None]) -> None:
 
 def _write_elsewhere(name: str, write: Callable[[Path], None]) -> Path | None:
     """The temporary folder where a picture is now; None if it can't be written there either."""
+    # It is often on another disk, where there is room when the first one is full.
     try:
         folder = make_temporary_folder()
     except SolariError:
@@ -36,13 +37,15 @@ def _write_elsewhere(name: str, write: Callable[[Path], None]) -> Path | None:
 
 @contextmanager
 def frames_folder() -> Iterator[Path]:
-    """A temporary folder for the pictures of a movie. A SolariError that ends the context says where they are kept."""
-    folder, kept = make_temporary_folder(), False
+    """A temporary folder for the pictures of a movie. A SolariError that ends the context says where they are."""
+    folder = make_temporary_folder()
+    has_pictures = False
     try:
         yield folder
     except SolariError as error:
-        kept = any(folder.iterdir())
-        raise type(error)(f"{error}; the pictures so far are in {folder}" if kept else str(error)) from None
+        has_pictures = any(folder.iterdir())
+        raise type(error)(f"{error}; the pictures so far are in {folder}" if has_pictures else str(error)) from None
     finally:
-        if not kept:
+        # After an error they stay, because they may have taken hours.
+        if not has_pictures:
             shutil.rmtree(folder)
