@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from solari_vk.gpu.frame.stages import Aliased, History
+from solari_vk.passes import first_hits
 
 if TYPE_CHECKING:
     from solari_vk.gpu.device.device import Device
@@ -151,9 +152,10 @@ def shader_of(name: str) -> str:
 
 @functools.cache
 def shaders() -> dict[str, str]:
-    """The texts of all shaders, by their files below the top folder."""
+    """The texts of all shaders, and of what declares buffers in Python, by their files below the top folder."""
     files = (path for path in sorted((ROOT / "glsl").rglob("*")) if path.is_file())
-    return {path.relative_to(ROOT).as_posix(): path.read_text("utf-8") for path in files}
+    texts = {path.relative_to(ROOT).as_posix(): path.read_text("utf-8") for path in files}
+    return texts | {"solari_vk/passes/first_hits.py": first_hits.glsl_header()}
 
 
 def page(frames: Sequence[tuple[Sequence[Stage], Sequence[Row]]]) -> str:

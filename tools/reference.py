@@ -3,8 +3,8 @@
     python tools/reference.py
 
 Each page keeps its own text. Between `<!-- made from the code: WHAT -->` and `<!-- end -->` stands what the function
-WHAT of MADE gives: lists of the names that the site shows in full, all settings, all debug views. A function that makes
-several parts is told which one: `<!-- made from the code: calls Mitsuba -->`.
+WHAT of MADE gives: lists of the names that the site shows in full, all settings, debug views and outputs at pixels'
+centers. A function that makes several parts is told which one: `<!-- made from the code: calls Mitsuba -->`.
 """
 
 from __future__ import annotations
@@ -22,6 +22,7 @@ from typing import Any
 from solari_vk import cli
 from solari_vk.base.errors import OTHER_WORDS, other_words
 from solari_vk.passes.debug_views import DEBUG_VIEWS
+from solari_vk.passes.first_hits import FIRST_HITS, GEOMETRY
 from solari_vk.settings import DEFAULTS, FIELDS, QUALITIES, allowed
 
 PAGES = Path(__file__).resolve().parents[1] / "docs"
@@ -140,6 +141,19 @@ def views(page: str) -> str:
     return "\n".join(["| name | what it shows |", "| --- | --- |", *rows]) + "\n"
 
 
+def outputs(_: str, part: str) -> str:
+    """The outputs at pixels' centers: `frame`, each with its meaning, or `batch`, their names."""
+    if part == "frame":
+        head = ["| at pixels' centers | what |"]
+        rows = [f"| `{name}` | {output.meaning} |" for name, output in FIRST_HITS.items()]
+    else:
+        head = ["| at pixels' centers, as of [a frame](outputs.md) | |"]
+        of_materials = [name for name in FIRST_HITS if name not in GEOMETRY]
+        kinds = {"of the geometry, by default": GEOMETRY, "of the material": of_materials}
+        rows = [f"| {', '.join(f'`{name}`' for name in names)} | {meaning} |" for meaning, names in kinds.items()]
+    return "\n".join([*head, "| --- | --- |", *rows]) + "\n"
+
+
 def commands(_: str) -> str:
     """Every command with a table of what it takes."""
     return "\n".join(
@@ -192,7 +206,15 @@ def advice(_: str) -> str:
     return "\n".join(lines) + "\n"
 
 
-MADE = {"names": names, "settings": settings, "views": views, "commands": commands, "calls": calls, "advice": advice}
+MADE = {
+    "names": names,
+    "settings": settings,
+    "views": views,
+    "outputs": outputs,
+    "commands": commands,
+    "calls": calls,
+    "advice": advice,
+}
 
 
 def filled(page: str) -> str:

@@ -21,7 +21,8 @@ from solari_vk.gpu.device.rays import IN_WORDS
 from solari_vk.output import movie, picture
 from solari_vk.output.error import ErrorEstimate
 from solari_vk.output.fallback import frames_folder, write_with_fallback
-from solari_vk.passes import lighting, reference
+from solari_vk.passes import lighting
+from solari_vk.passes.first_hits import FIRST_HITS
 from solari_vk.passes.reference import numbered_seed
 from solari_vk.passes.taa import render_size
 from solari_vk.renderers.accumulator import FrameAccumulator
@@ -114,7 +115,7 @@ def check_parts(names: Sequence[str], size: tuple[int, int], settings: Settings)
             raise SolariError(f"--aov {name}: it needs --settings lighting={needed}")
         if name == "error" and not settings.denoise:
             raise SolariError("--aov error: it needs --settings denoise=on")
-        if name not in reference.FIRST_HIT_AOVS and render_size(size, settings) != size:
+        if name not in FIRST_HITS and render_size(size, settings) != size:
             raise SolariError(
                 f"--aov {name}: with --settings upscale={settings.upscale:g} it is smaller than the "
                 "picture: leave one of the two out"

@@ -5,14 +5,16 @@ from __future__ import annotations
 from collections.abc import Collection
 
 from solari_vk.gpu.frame.stages import Pass, Stage
+from solari_vk.passes import first_hits
+from solari_vk.passes.first_hits import FIRST_HITS
 
-GEOMETRY = ("depth", "distance", "position", "geometric_normal", "instance_id", "primitive")
-"""What the surface at each pixel's center gives without its material: `reference.AOVS` says what those of a picture
-are. primitive: the index of the triangle in the ray_mesh or mesh, -1 without a surface."""
+GEOMETRY = (*first_hits.GEOMETRY, "primitive")
+"""What the surface at each pixel's center gives without its material. primitive: the index of the triangle in the
+ray_mesh or mesh, -1 without a surface."""
 MOTION = ("motion_vectors",)
 """The position in the previous frame minus the position, in shares of the picture, right and down, without jitter."""
-MATERIALS = ("shading_normal", "camera_normal", "uv", "albedo", "roughness_metallic", "emissive", "material_id")
-"""What needs the material of the surface; as in `reference.AOVS`."""
+MATERIALS = tuple(name for name in FIRST_HITS if name not in GEOMETRY)
+"""What needs the material of the surface."""
 OUTPUTS = (*GEOMETRY, *MOTION, *MATERIALS)
 MAX_PIXELS = 1 << 23  # of a dispatch, whose first hits take about 6 ms on an H100; drivers end dispatches of seconds
 

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from solari_vk.base.errors import SolariError, quoted
 from solari_vk.gpu.frame.stages import IfUsed, Pass, Stage
 from solari_vk.gpu.shaders.headers import enumeration
+from solari_vk.passes.first_hits import FIRST_HITS
 from solari_vk.settings.layering import LAYERINGS, brdf_constants
 
 if TYPE_CHECKING:  # shaders are compiled with this module's header on machines without Vulkan
@@ -24,19 +25,6 @@ MIN_ROWS = 8  # of a dispatch
 MAX_FIRST_PIXELS = 1 << 20  # of a first dispatch, before anything is measured
 SAMPLE_BLOCK = 8  # pixels on a side of a block of adaptive sampling, whose halves have a number of samples each
 MAX_ROWS = 1 << 18  # of a dispatch: devices take 65,535 workgroups of 8 rows
-FIRST_HIT_AOVS = (
-    "depth", "distance", "position", "geometric_normal", "shading_normal", "camera_normal", "uv", "albedo",
-    "roughness_metallic", "emissive", "instance_id", "material_id",
-)  # fmt: skip
-AOVS = (*FIRST_HIT_AOVS, "variance")
-"""Outputs beside the radiance. Those of FIRST_HIT_AOVS describe the surface at each pixel's center: depth along the
-view axis, of wide lenses along the ray, and distance along the ray (meters, inf without a surface), position (meters),
-geometric_normal and shading_normal (world space, towards the camera), camera_normal (shading_normal in the camera's
-axes as OpenCV has them: x right, y down, z forward), uv (the first set, 0 without one), albedo, roughness_metallic
-(perceptual roughness), emissive (radiance), instance_id and material_id (rows, 2^32 - 1 without a surface). variance is
-that of the mean luminance if all samples of the pixel were independent; they are points of low-discrepancy sequences,
-so the mean's own variance is smaller."""
-
 LIGHT_STRATEGIES = ("mis", "nee", "brdf")
 """mis: multiple importance sampling of light samples and BRDF samples. nee: next event estimation, light samples alone.
 brdf: BRDF samples alone. All have the same mean."""
@@ -95,7 +83,7 @@ def aov_stage(size: tuple[int, int], rows: int, shader: str = "aov") -> Stage:
     pixels = size[0] * size[1]
     return Stage(
         "aov",
-        buffers={f"aov_{name}": pixels for name in FIRST_HIT_AOVS},
+        buffers={f"aov_{name}": pixels for name in FIRST_HITS},
         passes=[Pass(f"reference/{shader}", threads=(size[0], rows))],
     )
 
@@ -130,9 +118,10 @@ def read_mean(frame: Frame, size: tuple[int, int]) -> NDArray[np.float32]:
 
 
 def read_variance(frame: Frame, samples: NDArray[np.int64]) -> NDArray[np.float32]:
-    """Variance of the mean luminance (height, width) of independent samples; inf after a single sample.
+    """Variance of the mean luminance (height, width) as if samples were independent; inf after a single sample.
 
-    samples (height, width): the number of each pixel.
+    They are points of low-discrepancy sequences, so the mean's own variance is smaller. samples (height, width): the
+    number of each pixel.
     """
     deviations, count = frame["luminance_deviations"].reshape(samples.shape), samples.astype(np.float64)
     spread = np.full(samples.shape, np.inf)
@@ -141,7 +130,7 @@ def read_variance(frame: Frame, samples: NDArray[np.int64]) -> NDArray[np.float3
 
 
 def read_aov(frame: Frame, name: str, size: tuple[int, int]) -> NDArray[Any]:
-    """One of FIRST_HIT_AOVS, (height, width[, channels])."""
+    """One of FIRST_HITS, (height, width[, channels])."""
     values = frame[f"aov_{name}"]
     return values.reshape(size[1], size[0], *values.shape[1:])
 

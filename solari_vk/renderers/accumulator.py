@@ -28,15 +28,21 @@ class FrameAccumulator:
         *,
         exposes: bool = False,
     ) -> None:
-        self._renderer, self._estimate = renderer, estimate
+        self._renderer = renderer
+        self._estimate = estimate
+        # What the paths gave, without the denoiser, whose errors are alike in all frames.
         self._raw = "raw_radiance" if "raw_radiance" in renderer.outputs else "radiance"
-        light = [name for name in names if name in LIGHT] + ["radiance"] * (not exposes) + [self._raw] * bool(estimate)
-        self._sums: dict[str, Any] = dict.fromkeys(light, 0.0)
+        summed = [name for name in names if name in LIGHT]
+        if not exposes:
+            summed.append("radiance")
+        if estimate is not None:
+            summed.append(self._raw)
+        self._sums: dict[str, Any] = dict.fromkeys(summed, 0.0)
         self.count = 0
         """The number of frames."""
 
     def add(self) -> None:
-        """Take the renderer's latest frame."""
+        """Add the renderer's latest frame."""
         for name in self._sums:
             self._sums[name] = self._sums[name] + self._renderer[name].astype("float64")
         self.count += 1

@@ -38,7 +38,7 @@ class FirstHitReader:
         self._shown: tuple[Any, ...] = ()  # the binder's revision and the camera that its buffers show
 
     def read(self, name: str, projection: Projection, size: tuple[int, int], proxies: bool = True) -> NDArray[Any]:
-        """One of reference.FIRST_HIT_AOVS, (height, width[, channels])."""
+        """One of first_hits.FIRST_HITS, (height, width[, channels])."""
         return reference.read_aov(self._found(projection, size, (0.0, 0.0), proxies), name, size)
 
     def tensor(

@@ -38,11 +38,13 @@ def band_rows(device: Device, size: tuple[int, int], most: int | None = None) ->
     if width < 1 or height < 1:
         raise SolariError(f"render_large: size must be two whole numbers (width, height), not {quoted(size)}")
     limits = checked_device(device, "render_large").properties.limits
-    held = int(limits.maxStorageBufferRange) // PathTracer.LARGEST_PIXEL_BYTES
-    rows = min(held, LARGEST_BAND, most or held) // width
-    if rows < 1:
+    pixels_of_device = int(limits.maxStorageBufferRange) // PathTracer.LARGEST_PIXEL_BYTES
+    most_rows = min(pixels_of_device, LARGEST_BAND, most or pixels_of_device) // width
+    if most_rows < 1:
         raise SolariError(f"render_large: a band holds fewer than the {width} pixels of a row")
-    return math.ceil(height / math.ceil(height / rows))
+    # As few bands as possible, and all of nearly the same height.
+    band_count = math.ceil(height / most_rows)
+    return math.ceil(height / band_count)
 
 
 def band_camera(camera: Camera, size: tuple[int, int], top: int, rows: int) -> Camera:
@@ -52,8 +54,9 @@ def band_camera(camera: Camera, size: tuple[int, int], top: int, rows: int) -> C
             f"{camera.describe()}: a picture in bands, larger than the device holds, has no distortion "
             "and no fisheye: render a smaller one"
         )
-    share, (x, y) = rows / size[1], camera.principal_point
-    offset = top + rows / 2 - size[1] * y
+    share = rows / size[1]
+    x, y = camera.principal_point
+    offset = top + rows / 2 - size[1] * y  # from the principal point down to the middle of the band, in pixels
     return dataclasses.replace(
         camera,
         vertical_fov=2 * math.atan(share * math.tan(camera.vertical_fov / 2)),
@@ -87,38 +90,49 @@ def render_large(
     """
     rows = band_rows(device, size, band_pixels)
     width, height = size
-    seed, pictures = options.get("seed", 0), dict[str, NDArray[Any]]()
+    seed = options.get("seed", 0)
     if denoise:
         oidn.check_installed()
-    if wrong := set(layers) - set(PathTracer.OUTPUTS):
-        raise unknown_name("render_large: there is no result", min(wrong), PathTracer.OUTPUTS)
+    unknown = set(layers) - set(PathTracer.OUTPUTS)
+    if unknown:
+        raise unknown_name("render_large: there is no result", min(unknown), PathTracer.OUTPUTS)
+    pictures: dict[str, NDArray[Any]] = {}
     with PathTracer(device, scene, (width, rows), **options) as tracer:
         shown = scene.camera_for(width / height) if camera is None else camera
-        meters = shown.auto_exposure and scene.environment is not None
-        names = {"radiance", *layers, *(("depth",) if meters else ())}
+        # The exposure is that of surfaces where there is an environment behind them.
+        meters_surfaces = shown.auto_exposure and scene.environment is not None
+        names = {"radiance", *layers}
+        if meters_surfaces:
+            names.add("depth")
         tops = range(0, height, rows)
         for band, top in enumerate(tops):
-            part = min(rows, height - top)
-            if tracer.size[1] != part:
-                tracer.resize((width, part))
+            row_count = min(rows, height - top)
+            if tracer.size[1] != row_count:
+                tracer.resize((width, row_count))
+            # Bands with one seed would have the same noise, which shows as a pattern.
             tracer.seed = numbered_seed(seed, band)
-            said = None if progress is None else partial(_progress, progress, band * samples, samples * len(tops))
-            tracer.render(band_camera(shown, size, top, part), samples, progress=said)
+            report = None if progress is None else partial(_report, progress, band * samples, samples * len(tops))
+            tracer.render(band_camera(shown, size, top, row_count), samples, progress=report)
             found = {name: tracer[name] for name in names}
             if denoise:
                 found |= zip(GUIDES, tracer.read_guides(), strict=True)
-            for name, values in found.items():
-                if name not in pictures:
-                    pictures[name] = np.empty((height, *values.shape[1:]), values.dtype)
-                pictures[name][top : top + part] = values
-    if denoise:
+            _store_rows(pictures, found, top, height)
+    if denoise:  # the whole picture at once, since bands denoised one by one would show their borders
         guides = [pictures.pop(name) for name in GUIDES]
         pictures["radiance"] = oidn.denoise(pictures["radiance"], *guides)
     if shown.auto_exposure:
-        surfaces = np.isfinite(pictures["depth"]) if meters else None
+        surfaces = np.isfinite(pictures["depth"]) if meters_surfaces else None
         shown.ev100 = auto_exposure(pictures["radiance"], surfaces)
     return {name: pictures[name] for name in ("radiance", *layers)}
 
 
-def _progress(progress: Callable[[int, int], None], before: int, total: int, done: int) -> None:
+def _store_rows(pictures: dict[str, NDArray[Any]], found: dict[str, NDArray[Any]], top: int, height: int) -> None:
+    """Store the results of a band in the pictures, which are made of the first one."""
+    for name, values in found.items():
+        if name not in pictures:
+            pictures[name] = np.empty((height, *values.shape[1:]), values.dtype)
+        pictures[name][top : top + len(values)] = values
+
+
+def _report(progress: Callable[[int, int], None], before: int, total: int, done: int) -> None:
     progress(before + done, total)

@@ -18,6 +18,7 @@ from solari_vk.gpu.frame.frame import Stage
 from solari_vk.gpu.tensors.exports import CudaTensor
 from solari_vk.output import oidn
 from solari_vk.passes import reference
+from solari_vk.passes.first_hits import FIRST_HITS
 from solari_vk.renderers.dispatch_size import MAX_SAMPLES, DispatchSize
 from solari_vk.renderers.motion_blur import Pose, PosedCameras, checked_pose, pose_after_error
 from solari_vk.renderers.renderer_base import RendererBase
@@ -46,7 +47,7 @@ class PathTracer(RendererBase):
     device frees it as well. Raises SolariError for a size that the device can't hold and for wrong options.
     """
 
-    OUTPUTS = ("radiance", "raw_radiance", *reference.AOVS)
+    OUTPUTS = ("radiance", "raw_radiance", *FIRST_HITS, "variance")
     begun = 0, 0
     """The samples per pixel that `advance` is tracing in bands of rows, and the row that comes next; 0, 0 if none."""
     LARGEST_PIXEL_BYTES = reference.LARGEST_PIXEL_BYTES

@@ -20,8 +20,9 @@ from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.frame.frame import Stage
 from solari_vk.gpu.tensors.exports import CudaTensor
 from solari_vk.output.tone_mapping import TONEMAPS
-from solari_vk.passes import display, gbuffer, guides, lighting, reference, solari019, taa
+from solari_vk.passes import display, gbuffer, guides, lighting, solari019, taa
 from solari_vk.passes.debug_views import DEBUG_VIEWS, PICTURE, check_view, views_of
+from solari_vk.passes.first_hits import FIRST_HITS
 from solari_vk.passes.many_views import tiled, upload_rows
 from solari_vk.renderers.frame_budget import FrameBudget, check_frame_ms
 from solari_vk.renderers.motion_blur import (
@@ -67,14 +68,7 @@ class Renderer(RendererBase):
     as well. Raises SolariError for a size that the device can't hold, a wrong seed and an unknown option.
     """
 
-    OUTPUTS = (
-        "radiance",
-        "error",
-        *reference.FIRST_HIT_AOVS,
-        *LIGHT,
-        *(f"guides_{name}" for name in guides.IMAGES),
-        "display",
-    )
+    OUTPUTS = ("radiance", "error", *FIRST_HITS, *LIGHT, *(f"guides_{name}" for name in guides.IMAGES), "display")
     LARGEST_PIXEL_BYTES = 64
     IN_IMAGES = True
     _grid = (1, 1)  # columns and rows of views in the frame's pictures
@@ -358,7 +352,7 @@ class Renderer(RendererBase):
 
     def check_latest(self, frame: RenderedFrame, name: str) -> None:
         super().check_latest(frame, name)
-        if self._exposure.device_is_behind and name in reference.FIRST_HIT_AOVS:
+        if self._exposure.device_is_behind and name in FIRST_HITS:
             self.binder.update()  # first hits show the middle of the exposure
             self._exposure.device_is_behind = False
 
@@ -370,7 +364,7 @@ class Renderer(RendererBase):
     @property
     def outputs(self) -> tuple[str, ...]:
         """The names in OUTPUTS that the frame has with its settings."""
-        return tuple(name for name in self.OUTPUTS if name in reference.FIRST_HIT_AOVS or self._has(name))
+        return tuple(name for name in self.OUTPUTS if name in FIRST_HITS or self._has(name))
 
     def _has(self, resource: str) -> bool:
         """Whether the latest frame computed a resource."""

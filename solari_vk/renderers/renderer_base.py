@@ -177,7 +177,7 @@ class RendererBase(Hints):
 
     @abstractmethod
     def read(self, name: str) -> NDArray[Any]:
-        """A result of the latest frame that isn't in reference.FIRST_HIT_AOVS."""
+        """A result of the latest frame that isn't in `first_hits.FIRST_HITS`."""
 
     @abstractmethod
     def tensor(self, name: str) -> NDArray[Any] | CudaTensor:

@@ -21,7 +21,7 @@ from solari_vk.gpu.tensors.exports import CudaTensor
 from solari_vk.output.annotations import boxes, merged_ids
 from solari_vk.output.picture import EIGHT_BIT, check_alpha, png_bytes, save_image, write_codes
 from solari_vk.output.tone_mapping import encode_picture, misexposed, unseen
-from solari_vk.passes import reference
+from solari_vk.passes.first_hits import FIRST_HITS
 from solari_vk.renderers.first_hit_reader import FirstHitReader
 from solari_vk.scene.camera import exposure_of
 from solari_vk.scene.group import Group
@@ -56,7 +56,7 @@ class RenderedFrame(Hints):
 
     `frame["radiance"]` is linear radiance (height, width, 3) in cd/m^2; `np.asarray(frame)` is the same. With
     the setting `upscale`, parts of the light and guides of the realtime renderer have the size that was rendered.
-    `frame["depth"]` and the other names of `reference.FIRST_HIT_AOVS` describe what is visible at the center of each
+    `frame["depth"]` and the other names of `first_hits.FIRST_HITS` describe what is visible at the center of each
     pixel; they are computed on demand. `keys()` lists all of these names. Buffers and images of the renderer's shaders
     can be read by their names too. Reading a result waits for the frame and returns a copy.
 
@@ -83,7 +83,7 @@ class RenderedFrame(Hints):
         renderer.check_latest(self, name)
         if name in ("picture", "image"):
             raise SolariError(f"frames have no result '{name}': image() is the picture in 8 bits, 'radiance' in cd/m^2")
-        if name in reference.FIRST_HIT_AOVS:
+        if name in FIRST_HITS:
             return renderer.first_hits.read(name, self._projection, self.size, renderer.gbuffer == "traced")
         return renderer.read(name)
 
@@ -96,18 +96,18 @@ class RenderedFrame(Hints):
         """
         renderer = self._renderer
         renderer.check_latest(self, name)
-        if name in reference.FIRST_HIT_AOVS:
+        if name in FIRST_HITS:
             return renderer.first_hits.tensor(name, self._projection, self.size, renderer.gbuffer == "traced")
         return renderer.tensor(name)
 
     def filtered(self, name: str) -> NDArray[Any]:
         """A result at the centers of pixels as the mean over each pixel's area, of 16 rays that hit rays' meshes.
 
-        name: of `reference.FIRST_HIT_AOVS` without ids. Where a ray meets nothing, depth and distance are inf, the
+        name: of `first_hits.FIRST_HITS` without ids. Where a ray meets nothing, depth and distance are inf, the
         others are 0. Raises SolariError for another name.
         """
         self._renderer.check_latest(self, name)
-        names = [known for known in reference.FIRST_HIT_AOVS if not known.endswith("_id")]
+        names = [known for known, output in FIRST_HITS.items() if output.has_mean]
         if name not in names:
             raise unknown_name("RenderedFrame.filtered: there is no mean of", name, names)
         [mean] = self._renderer.first_hits.read_means([name], self._projection, self.size)
@@ -150,13 +150,15 @@ class RenderedFrame(Hints):
         """Whether pixels show an instance at their center, (height, width). instance: the object, a group or a list of
         them, a name, of which all count that have it, or that of an object of several parts. Raises SolariError for
         what isn't in the scene."""
-        given: Any = instance
-        if isinstance(given, str):
-            found = self._named(given)
-        elif isinstance(given, Group):
-            found = given.items
+        found: Sequence[Any]
+        if isinstance(instance, str):
+            found = self._named(instance)
+        elif isinstance(instance, Group):
+            found = instance.items
+        elif isinstance(instance, Sequence):
+            found = instance
         else:
-            found = list(given) if isinstance(given, Sequence) else [given]
+            found = [instance]
         ids = [number for number, other in self.instances.items() if other in found]
         if not ids:
             raise SolariError(f"mask: takes an instance or a group of the scene, or its name, not {quoted(instance)}")
@@ -222,10 +224,11 @@ class RenderedFrame(Hints):
         """
         if self._renderer.view != "picture":
             return np.asarray(self["display"][..., :3])
-        radiance, curve = self["radiance"], tonemap or self._renderer.tonemap
-        return encode_picture(radiance, exposure=self._factor(radiance, exposure, curve), curve=curve)
+        radiance = self["radiance"]
+        curve = tonemap or self._renderer.tonemap
+        return encode_picture(radiance, exposure=self._exposure_factor(radiance, exposure, curve), curve=curve)
 
-    def _factor(self, radiance: NDArray[Any], exposure: float | str | None, curve: str) -> float:
+    def _exposure_factor(self, radiance: NDArray[Any], exposure: float | str | None, curve: str) -> float:
         """The factor that an exposure means for a picture. Warns of one in which nothing can be seen, and of another
         exposure than the camera's."""
         if isinstance(exposure, str):
@@ -233,35 +236,59 @@ class RenderedFrame(Hints):
                 raise SolariError(f"exposure is a factor or 'auto', not {quoted(exposure)}")
             return exposure_of(self._renderer.auto_exposure(radiance))
         camera = self.camera
-        ev100 = getattr(camera, "_metered", camera.ev100) if exposure is None and not camera.has_exposure else None
-        factor = exposure if exposure is not None else camera.exposure if ev100 is None else exposure_of(ev100)
-        if (wrong := unseen(radiance * factor)) == "black":
+        # Nobody has set the exposure of such a camera: it may be replaced where it suits the picture badly.
+        is_unset = exposure is None and not camera.has_exposure
+        if exposure is not None:
+            factor = exposure
+        elif is_unset:
+            factor = exposure_of(self._unset_ev100)
+        else:
+            factor = camera.exposure
+        wrong = unseen(radiance * factor)
+        if wrong == "black":
             warn(
                 "the picture is black: the scene's lights don't reach it. Lights are those of scene.lights, instances "
                 "with an emissive material, scene.environment, and studio_lights(scene)"
             )
-        elif wrong and exposure is not None:
+            return factor
+        if wrong and exposure is not None:
             warn(f'the picture is far too {wrong}: give another exposure, or "auto"')
-        elif wrong or (ev100 is not None and (wrong := self._misexposed(radiance, factor, curve))):
-            far, unset = "far " if unseen(radiance * factor) else "", "" if ev100 is None else ", which nobody set"
-            tried, shown = camera.ev100 if ev100 is None else ev100, self._renderer.auto_exposure(radiance)
-            if ev100 is not None:
-                object.__setattr__(camera, "_metered", shown)  # so that the next pictures by this camera don't flicker
-            warn(
-                f"the picture would be {far}too {wrong} with the camera's EV100, {tried:.4g}{unset}, and is "
-                f"shown with {shown:.3g}: set camera.ev100 to that, or camera.auto_exposure"
-            )
-            return exposure_of(shown)
-        return factor
+            return factor
+        far = "far " if wrong else ""
+        if is_unset and not wrong:
+            wrong = self._misexposed(radiance, factor, curve)
+        if not wrong:
+            return factor
+        return exposure_of(self._replaced_ev100(radiance, f"{far}too {wrong}", is_unset))
+
+    @property
+    def _unset_ev100(self) -> float:
+        """The EV100 that was chosen for the camera when it had none, or its default."""
+        return float(getattr(self.camera, "_metered", self.camera.ev100))
+
+    def _replaced_ev100(self, radiance: NDArray[Any], wrong: str, is_unset: bool) -> float:
+        """The EV100 that suits a picture which would be too dark or too bright; warns that it is another one."""
+        camera = self.camera
+        tried = self._unset_ev100 if is_unset else camera.ev100
+        unset = ", which nobody set" if is_unset else ""
+        shown = self._renderer.auto_exposure(radiance)
+        if is_unset:
+            object.__setattr__(camera, "_metered", shown)  # so that the next pictures by this camera don't flicker
+        warn(
+            f"the picture would be {wrong} with the camera's EV100, {tried:.4g}{unset}, and is "
+            f"shown with {shown:.3g}: set camera.ev100 to that, or camera.auto_exposure"
+        )
+        return shown
 
     def _misexposed(self, radiance: NDArray[Any], factor: float, curve: str) -> str:
-        """Whether surfaces that aren't lamps are too "bright" or too "dark" in the picture; "" if neither."""
+        """Whether surfaces that don't emit are too "bright" or too "dark" in the picture; "" if neither."""
         codes = encode_picture(radiance, exposure=factor, curve=curve)
         if not misexposed(codes):
             return ""
         surfaces = np.isfinite(self["depth"])
-        counts = surfaces & ~self["emissive"].any(axis=-1) if surfaces.mean() >= 0.01 else np.ones_like(surfaces)
-        return misexposed(codes[counts])
+        if surfaces.mean() < 0.01:  # too few to say more than the background does
+            return misexposed(codes)
+        return misexposed(codes[surfaces & ~self["emissive"].any(axis=-1)])
 
     def settle_exposure(self) -> None:
         """Give the camera the EV100 with which `image` shows the picture, if nobody has set one."""
@@ -269,7 +296,7 @@ class RenderedFrame(Hints):
             radiance = self["radiance"]
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")
-                factor = self._factor(radiance, None, self._renderer.tonemap)
+                factor = self._exposure_factor(radiance, None, self._renderer.tonemap)
             self.camera.ev100 = -math.log2(1.2 * factor)
 
     def _repr_png_(self) -> bytes:
@@ -301,7 +328,10 @@ class RenderedFrame(Hints):
         stays as it is. A studio's floor is a surface: `scene.backdrop.visible = False` hides it. Raises SolariError for
         an unknown name or suffix, and for a file that can't be written.
         """
-        renderer, layers = self._renderer, (layers,) if isinstance(layers, str) else layers
+        renderer = self._renderer
+        if isinstance(layers, str):
+            layers = (layers,)
+        curve = tonemap or renderer.tonemap
         if transparent:
             check_alpha(Path(path))
             if renderer.view != "picture":
@@ -312,15 +342,11 @@ class RenderedFrame(Hints):
             return
         radiance = self["radiance"]
         if is_picture or isinstance(exposure, str):
-            factor = self._factor(radiance, exposure, tonemap or renderer.tonemap)
-        else:
+            factor = self._exposure_factor(radiance, exposure, curve)
+        else:  # files of radiance have an exposure for programs that show them, and are never metered
             factor = self.camera.exposure if exposure is None else exposure
-        if is_picture and Path(path).stem in layers:
-            name = Path(path).stem
-            warn(
-                f"{path} is the picture in color; {name} is in {name}.{name}.npy beside it. Pictures of numbers "
-                "are debug views of the realtime renderer: set its view"
-            )
+        if is_picture:
+            _warn_of_the_name(Path(path), layers)
         alpha = None
         if transparent:
             renderer.check_latest(self, "transparent")
@@ -330,6 +356,16 @@ class RenderedFrame(Hints):
             radiance,
             alpha=alpha,
             exposure=factor,
-            tonemap=tonemap or renderer.tonemap,
+            tonemap=curve,
             layers={name: self[name] for name in layers if name != "radiance"},
+        )
+
+
+def _warn_of_the_name(path: Path, layers: Sequence[str]) -> None:
+    """Warn where a picture is called as one of its layers, which somebody may take it for."""
+    name = path.stem
+    if name in layers:
+        warn(
+            f"{path} is the picture in color; {name} is in {name}.{name}.npy beside it. Pictures of numbers "
+            "are debug views of the realtime renderer: set its view"
         )

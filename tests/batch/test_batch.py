@@ -19,12 +19,12 @@ from solari_vk.gpu.shaders.compiler import compile_shader
 from solari_vk.gpu.shaders.spirv import reflect
 from solari_vk.lab.measure import dataset as measure_dataset
 from solari_vk.passes import batch as passes
-from solari_vk.passes import reference
+from solari_vk.passes import first_hits
 from solari_vk.passes.reference import numbered_seed
 from solari_vk.renderers.first_hit_reader import FirstHitReader
 
 SIZE = (13, 7)  # views begin within workgroups
-FIRST_HITS = [name for name in passes.OUTPUTS if name in reference.FIRST_HIT_AOVS]
+FIRST_HITS = [name for name in passes.OUTPUTS if name in first_hits.FIRST_HITS]
 
 
 def box_cameras(count, **fields):

@@ -21,7 +21,7 @@ from solari_vk.gpu.device.device import Device
 from solari_vk.lab.conformance.groups import GROUPS
 from solari_vk.output import movie
 from solari_vk.output.tone_mapping import TONEMAPS
-from solari_vk.passes.reference import FIRST_HIT_AOVS
+from solari_vk.passes.first_hits import FIRST_HITS
 from solari_vk.scene.builtin import SCENES
 from solari_vk.scene.files.formats import readable_suffixes
 from solari_vk.scene.lens import PROJECTIONS
@@ -313,7 +313,7 @@ def test_lists_of_choices_are_whole():
 
 def test_pages_name_all_that_there_is_of_a_kind():
     outputs = text_of(DOCS / "guides/outputs.md")
-    assert [name for name in FIRST_HIT_AOVS if f"`{name}`" not in outputs] == []
+    assert [name for name in FIRST_HITS if f"`{name}`" not in outputs] == []
     cameras = text_of(DOCS / "guides/cameras.md")
     assert [name for name in PROJECTIONS if f'`"{name}"`' not in cameras] == []
     lights = text_of(DOCS / "guides/lights.md")

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import functools
 import math
+import subprocess
+import sys
 import warnings
 
 import numpy as np
@@ -15,7 +17,7 @@ from support.frames import GBUFFER, PartialRenderer, make_renderer
 import solari_vk as sv
 from solari_vk import shapes
 from solari_vk.passes import gbuffer
-from solari_vk.passes.reference import FIRST_HIT_AOVS
+from solari_vk.passes.first_hits import FIRST_HITS
 from solari_vk.scene.builtin import place
 from solari_vk.scene.matrices import rotation
 
@@ -63,7 +65,7 @@ def test_results_by_name(renderer):
     assert frame.wait() is frame
     assert frame.size == SIZE
     assert frame.keys()[0] == "radiance"
-    assert set(FIRST_HIT_AOVS) < set(frame)
+    assert set(FIRST_HITS) < set(frame)
     assert "depth" in frame
     assert "smell" not in frame
     for name in frame.keys():  # noqa: SIM118
@@ -74,11 +76,38 @@ def test_results_by_name(renderer):
         frame["deph"]
 
 
+NEW_ROW = """
+import numpy as np
+from solari_vk.passes.first_hits import FIRST_HITS, FirstHit
+
+FIRST_HITS["facing"] = FirstHit("float", "dot(surface.world_normal, -ray.direction)", "a cosine", "0.0")
+
+import solari_vk as sv
+
+assert "facing" in sv.Renderer.OUTPUTS and "facing" in sv.Batch.OUTPUTS
+scene = sv.builtin("cornell_box")
+with sv.Device() as device:
+    with sv.PathTracer(device, scene, (8, 8), max_bounces=0) as tracer:
+        frame = tracer.render(samples=1)
+        found, mean = frame["facing"], frame.filtered("facing")
+    with sv.Batch(device, scene, (8, 8), 1, outputs=["facing"]) as batch:
+        same = batch.render([scene.camera])["facing"][0]
+assert 0.1 < found.mean() <= 1 and 0.1 < mean.mean() <= 1
+np.testing.assert_array_equal(found, same)
+"""
+
+
+def test_a_new_output_is_one_row():
+    """Both renderers and batches have it, and means over pixels."""
+    done = subprocess.run([sys.executable, "-c", NEW_ROW], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+
+
 def test_first_hits_are_the_same_from_both(device):
     scene = sv.builtin("cornell_box")
     with sv.Renderer(device, scene, SIZE) as realtime, sv.PathTracer(device, scene, SIZE) as reference:
         first, second = render(realtime), render(reference)
-        for name in FIRST_HIT_AOVS:
+        for name in FIRST_HITS:
             np.testing.assert_array_equal(first[name], second[name], err_msg=name)
         np.testing.assert_allclose(second["position"][..., 2].max(), scene.bounds.max[2], atol=1e-3)
         scene.camera.look_at((1, 1, -2), (1, 1, 0))
@@ -96,7 +125,7 @@ def test_first_hits_show_what_the_picture_shows(device):
         cube.mesh = mesh
         with make_renderer(device, scene, (64, 48), passes=GBUFFER) as renderer:
             frame = renderer.render()
-            expected[shown] = {name: frame[name] for name in FIRST_HIT_AOVS}
+            expected[shown] = {name: frame[name] for name in FIRST_HITS}
     cube.update(mesh=shapes.box(), ray_mesh=shapes.sphere(0.5))
     for shown, way in (("cube", "auto"), ("cube", "raster"), ("ball", "traced")):
         with make_renderer(device, scene, (64, 48), passes=GBUFFER, gbuffer=way) as renderer:

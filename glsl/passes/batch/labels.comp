@@ -23,19 +23,11 @@ layout(set = 1, scalar) readonly buffer OrderStartsBlock { uint at[]; } order_st
 void store_geometry(uint index, CameraRay ray, Hit hit, Mesh mesh) {
     TrianglePoint point = resolve_triangle(instances.at[hit.instance], mesh, hit.triangle, hit.barycentrics);
     bool front_face = dot(ray.direction, point.geometric_world_normal) <= 0.0;
-    aov_instance_id.at[index] = instance_number(hit.instance);
-    aov_depth.at[index] = hit.t * ray.depth_per_t;
-    aov_distance.at[index] = hit.t;
-    aov_position.at[index] = point.world_position;
-    aov_geometric_normal.at[index] = front_face ? point.geometric_world_normal : -point.geometric_world_normal;
+    STORE_GEOMETRY(index)
 }
 
 void store_empty_geometry(uint index) {
-    aov_instance_id.at[index] = NO_INDEX;
-    aov_depth.at[index] = INFINITY;
-    aov_distance.at[index] = INFINITY;
-    aov_position.at[index] = vec3(0.0);
-    aov_geometric_normal.at[index] = vec3(0.0);
+    STORE_NO_GEOMETRY(index)
 }
 
 void main() {

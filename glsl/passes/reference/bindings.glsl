@@ -4,6 +4,7 @@
 
 #extension GL_EXT_scalar_block_layout : require
 
+#include "generated/passes/first_hits.glsl"  // aov_*, STORE_FIRST_HITS, STORE_GEOMETRY: solari_vk/passes/first_hits.py
 #include "generated/passes/reference.glsl"  // LIGHT_STRATEGY_*, PIXEL_FILTER_*: solari_vk/passes/reference.py
 #include "scene/camera.glsl"
 
@@ -25,18 +26,5 @@ layout(set = 1, scalar) buffer RadianceMeanBlock { vec3 at[]; } radiance_mean;
 // The sum over a pixel's samples of the squared deviation of luminance from its mean.
 layout(set = 1, scalar) buffer LuminanceDeviationsBlock { float at[]; } luminance_deviations;
 layout(set = 1, scalar) buffer RayCountBlock { uint at[]; } ray_count;  // rays of the pixel so far
-
-layout(set = 1, scalar) buffer DepthBlock { float at[]; } aov_depth;  // along the view axis, inf: nothing
-layout(set = 1, scalar) buffer DistanceBlock { float at[]; } aov_distance;  // along the ray, inf: nothing
-layout(set = 1, scalar) buffer PositionBlock { vec3 at[]; } aov_position;
-layout(set = 1, scalar) buffer GeometricNormalBlock { vec3 at[]; } aov_geometric_normal;
-layout(set = 1, scalar) buffer ShadingNormalBlock { vec3 at[]; } aov_shading_normal;
-layout(set = 1, scalar) buffer AlbedoBlock { vec3 at[]; } aov_albedo;
-layout(set = 1, scalar) buffer RoughnessMetallicBlock { vec2 at[]; } aov_roughness_metallic;
-layout(set = 1, scalar) buffer EmissiveBlock { vec3 at[]; } aov_emissive;
-layout(set = 1, scalar) buffer CameraNormalBlock { vec3 at[]; } aov_camera_normal;
-layout(set = 1, scalar) buffer UvBlock { vec2 at[]; } aov_uv;
-layout(set = 1, scalar) buffer InstanceIdBlock { uint at[]; } aov_instance_id;  // NO_INDEX: nothing
-layout(set = 1, scalar) buffer MaterialIdBlock { uint at[]; } aov_material_id;
 
 #endif
