@@ -71,7 +71,9 @@ def cornell_box(size: float = 2.0, radiance: ArrayLike = (17.0, 12.0, 4.0)) -> S
     hole = [(343, h, 227), (343, h, 332), (213, h, 332), (213, h, 227)]
     ceiling = [(556, h, 0), (556, h, 559.2), (0, h, 559.2), (0, h, 0)]
     around = [[ceiling[i], ceiling[(i + 1) % 4], hole[(i + 1) % 4], hole[i]] for i in range(4)]
-    white, red, green = (0.725, 0.71, 0.68), (0.63, 0.065, 0.05), (0.14, 0.45, 0.091)
+    white = (0.725, 0.71, 0.68)
+    red = (0.63, 0.065, 0.05)
+    green = (0.14, 0.45, 0.091)
     floor = [(552.8, 0, 0), (0, 0, 0), (0, 0, 559.2), (549.6, 0, 559.2)]
     back = [(549.6, 0, 559.2), (0, 0, 559.2), (0, h, 559.2), (556, h, 559.2)]
     right = [(0, 0, 559.2), (0, 0, 0), (0, h, 0), (0, h, 559.2)]
@@ -158,58 +160,90 @@ def rooms(columns: int = 8, rows: int = 5, lamp_count: int = 25, seed: int = 1) 
     """
     if min(columns, rows) < 1 or lamp_count < 0:
         raise SolariError("rooms: columns and rows must be at least 1, and lamp_count must not be negative")
-    random = np.random.default_rng(seed)
-    scene = Scene(name="rooms")
-    side, height, wall, door = 4.0, 2.8, 0.12, (0.9, 2.1)
-    cube, ball = shapes.box(), shapes.sphere(1.0, 10)
-    paints = [matte(0.35 + 0.5 * random.random(3), f"paint {i}") for i in range(12)]
-    glows = [lamp(60.0 * np.asarray(colorsys.hsv_to_rgb(i / 12, 0.5, 1.0)), f"glow {i}") for i in range(12)]
-
-    def block(low: ArrayLike, high: ArrayLike, paint: Material) -> None:
-        low, high = np.asarray(low, np.float64), np.asarray(high, np.float64)
-        scene.add(cube, paint, place(high - low, (low + high) / 2))
-
-    def divide(at: float, start: float, along_x: bool, has_door: bool) -> None:
-        """A wall in the plane z = at, or x = at, from `start` on along the other axis."""
-        paint = paints[int(random.integers(len(paints)))]
-        gap = random.uniform(start + 0.5, start + side - 0.5 - door[0]) if has_door else start
-        end = gap + door[0] if has_door else gap
-
-        def piece(first: float, last: float, bottom: float, top: float) -> None:
-            low, high = (first, bottom, at - wall / 2), (last, top, at + wall / 2)
-            block(low if along_x else low[::-1], high if along_x else high[::-1], paint)
-
-        piece(end, start + side, 0, height)
-        if has_door:
-            piece(start, gap, 0, height)
-            piece(gap, end, door[1], height)
-            # The leaf hangs at one side of the gap and is open by 15 to 40 degrees.
-            turn = random.uniform(math.radians(15), math.radians(40)) + (0.0 if along_x else -math.pi / 2)
-            hinge = np.array((gap, 0, at) if along_x else (at, 0, gap))
-            leaf = place(turn=turn) @ place((door[0], door[1], 0.04), (door[0] / 2, door[1] / 2, 0))
-            leaf[:3, 3] += hinge
-            scene.add(cube, paints[0], leaf, name="door")
-
-    width, depth = columns * side, rows * side
-    block((0, -0.1, 0), (width, 0, depth), paints[1])
-    block((0, height, 0), (width, height + 0.1, depth), matte(0.8, "ceiling"))
+    house = _House(seed)
+    width, depth = columns * ROOM_SIDE, rows * ROOM_SIDE
+    house.block((0, -0.1, 0), (width, 0, depth), house.paints[1])
+    house.block((0, ROOM_HEIGHT, 0), (width, ROOM_HEIGHT + 0.1, depth), matte(0.8, "ceiling"))
+    # The walls at the house's edges have no doors.
     for row, column in np.ndindex(rows + 1, columns):
-        divide(row * side, column * side, True, 0 < row < rows)
+        house.wall(row * ROOM_SIDE, column * ROOM_SIDE, along_x=True, has_door=0 < row < rows)
     for row, column in np.ndindex(rows, columns + 1):
-        divide(column * side, row * side, False, 0 < column < columns)
+        house.wall(column * ROOM_SIDE, row * ROOM_SIDE, along_x=False, has_door=0 < column < columns)
     for row, column in np.ndindex(rows, columns):
-        corner = np.array((column * side, 0, row * side))
+        house.furnish(ROOM_SIDE * np.array((column, 0, row)), lamp_count)
+    corner = ROOM_SIDE * np.array((columns // 2, 0, rows // 2))
+    eye = corner + np.array((0.35, 1.75, ROOM_SIDE - 0.35))
+    target = corner + np.array((ROOM_SIDE - 0.6, 0.9, 0.6))
+    house.scene.add(Camera.look_at(eye, target, vertical_fov=math.radians(68), ev100=2.0))
+    return house.scene
+
+
+ROOM_SIDE = 4.0
+ROOM_HEIGHT = 2.8
+WALL = 0.12  # meters thick
+DOOR_WIDTH, DOOR_HEIGHT = 0.9, 2.1
+
+
+class _House:
+    """The scene of `rooms` while it is built. The order of its random numbers is part of the scene."""
+
+    def __init__(self, seed: int) -> None:
+        self.scene = Scene(name="rooms")
+        self._random = np.random.default_rng(seed)
+        self._cube = shapes.box()
+        self._ball = shapes.sphere(1.0, 10)
+        self.paints = [matte(0.35 + 0.5 * self._random.random(3), f"paint {i}") for i in range(12)]
+        colors = [np.asarray(colorsys.hsv_to_rgb(i / 12, 0.5, 1.0)) for i in range(12)]
+        self._glows = [lamp(60.0 * color, f"glow {i}") for i, color in enumerate(colors)]
+
+    def _paint(self) -> Material:
+        return self.paints[int(self._random.integers(len(self.paints)))]
+
+    def block(self, low: ArrayLike, high: ArrayLike, paint: Material) -> None:
+        """An axis-aligned box between two corners."""
+        low, high = np.asarray(low, np.float64), np.asarray(high, np.float64)
+        self.scene.add(self._cube, paint, place(high - low, (low + high) / 2))
+
+    def wall(self, at: float, start: float, *, along_x: bool, has_door: bool) -> None:
+        """A wall in the plane z = at, or x = at, from `start` on along the other axis."""
+        paint = self._paint()
+        end = start + ROOM_SIDE
+        if not has_door:
+            self._piece(at, along_x, (start, end), (0, ROOM_HEIGHT), paint)
+            return
+        gap = self._random.uniform(start + 0.5, end - 0.5 - DOOR_WIDTH)
+        self._piece(at, along_x, (gap + DOOR_WIDTH, end), (0, ROOM_HEIGHT), paint)
+        self._piece(at, along_x, (start, gap), (0, ROOM_HEIGHT), paint)
+        self._piece(at, along_x, (gap, gap + DOOR_WIDTH), (DOOR_HEIGHT, ROOM_HEIGHT), paint)
+        # The leaf hangs at one side of the gap and is open by 15 to 40 degrees.
+        turn = self._random.uniform(math.radians(15), math.radians(40)) + (0.0 if along_x else -math.pi / 2)
+        leaf = place(turn=turn) @ place((DOOR_WIDTH, DOOR_HEIGHT, 0.04), (DOOR_WIDTH / 2, DOOR_HEIGHT / 2, 0))
+        leaf[:3, 3] += (gap, 0, at) if along_x else (at, 0, gap)
+        self.scene.add(self._cube, self.paints[0], leaf, name="door")
+
+    def _piece(
+        self, at: float, along_x: bool, across: tuple[float, float], heights: tuple[float, float], paint: Material
+    ) -> None:
+        """A part of a wall, by its ends along the wall and its heights."""
+        low = (across[0], heights[0], at - WALL / 2)
+        high = (across[1], heights[1], at + WALL / 2)
+        if along_x:
+            self.block(low, high, paint)
+        else:
+            self.block(low[::-1], high[::-1], paint)
+
+    def furnish(self, corner: NDArray[np.float64], lamp_count: int) -> None:
+        """Four boxes and the lamps of a room, whose corner (3,) with the smallest coordinates is given."""
+        random = self._random
         for _ in range(4):
             size = random.uniform((0.3, 0.4, 0.3), (0.9, 1.2, 0.9))
-            at = corner + np.array((random.uniform(0.8, side - 0.8), size[1] / 2, random.uniform(0.8, side - 0.8)))
-            scene.add(cube, paints[int(random.integers(len(paints)))], place(size, at, random.uniform(0, math.pi)))
+            x, z = random.uniform(0.8, ROOM_SIDE - 0.8), random.uniform(0.8, ROOM_SIDE - 0.8)
+            at = corner + np.array((x, size[1] / 2, z))
+            self.scene.add(self._cube, self._paint(), place(size, at, random.uniform(0, math.pi)))
         for _ in range(lamp_count):
-            at = corner + random.uniform((0.3, 1.5, 0.3), (side - 0.3, height - 0.2, side - 0.3))
-            scene.add(ball, glows[int(random.integers(len(glows)))], place(random.uniform(0.03, 0.06), at), name="lamp")
-    corner = side * np.array((columns // 2, 0, rows // 2))
-    eye, target = corner + np.array((0.35, 1.75, side - 0.35)), corner + np.array((side - 0.6, 0.9, 0.6))
-    scene.add(Camera.look_at(eye, target, vertical_fov=math.radians(68), ev100=2.0))
-    return scene
+            at = corner + random.uniform((0.3, 1.5, 0.3), (ROOM_SIDE - 0.3, ROOM_HEIGHT - 0.2, ROOM_SIDE - 0.3))
+            glow = self._glows[int(random.integers(len(self._glows)))]
+            self.scene.add(self._ball, glow, place(random.uniform(0.03, 0.06), at), name="lamp")
 
 
 def mirror_hall(length: float = 8.0) -> Scene:

@@ -66,6 +66,8 @@ class Lens(NamedTuple):
         if self.kind == EQUIRECTANGULAR:
             return np.stack([np.sin(x) * np.cos(y), np.sin(y), np.cos(x) * np.cos(y)], -1)
         if self.kind == CUBE:
+            # Six faces in a row, each two focal lengths wide, with the principal point between the third and the
+            # fourth.
             face = np.clip(np.floor(x / 2 + 3), 0, 5).astype(int)
             local = np.stack([x + 5 - 2 * face, y, np.ones_like(x)], -1)
             local /= np.linalg.norm(local, axis=-1, keepdims=True)
@@ -74,6 +76,7 @@ class Lens(NamedTuple):
         stereographic = self.kind == STEREOGRAPHIC
         angle = 2 * np.arctan(radius / 2) if stereographic else fisheye_angle(radius, self.distortion, self.limit)
         angle = np.where(radius > self.reach, np.nan, angle)
+        # At the middle the ratio of sine and radius is 0 / 0, and the position is 0 anyway.
         around = at * np.divide(np.sin(angle), radius, out=np.ones_like(radius), where=radius > 0)[..., None]
         return np.concatenate([around, np.cos(angle)[..., None]], -1)
 
@@ -89,6 +92,8 @@ class Lens(NamedTuple):
         elif self.kind == EQUIRECTANGULAR:
             eye, away = self.distortion[0], np.hypot(x, z)
             seen = away >= abs(eye)  # the ray to the point touches the circle on which the eye moves
+            # Omnidirectional stereo: rays are tangents of the circle on which the eye moves, so that a point, its foot
+            # on the circle and the center make a right angle.
             along = np.sqrt(np.maximum(away**2 - eye**2, 0))
             turn = np.arctan2(x, z) - np.arcsin(np.clip(eye / np.maximum(away, 1e-300), -1, 1))
             at = np.stack([turn - 2 * math.pi * np.round(turn / 2 / math.pi), np.arctan2(y, along)], -1)
@@ -113,6 +118,8 @@ def distort(slopes: Floats, distortion: tuple[float, ...]) -> tuple[Floats, Floa
     k1, k2, p1, p2, k3, k4, k5, k6, s1, s2, s3, s4 = distortion
     x, y = slopes[..., 0], slopes[..., 1]
     r2 = x * x + y * y
+    # The rational model of OpenCV (CALIB_RATIONAL_MODEL), whose radial part is a fraction of two polynomials, with the
+    # tangential terms p and those of a thin prism, s.
     above, below = 1 + r2 * (k1 + r2 * (k2 + r2 * k3)), 1 + r2 * (k4 + r2 * (k5 + r2 * k6))
     scale = above / below
     slope = (k1 + r2 * (2 * k2 + 3 * r2 * k3) - scale * (k4 + r2 * (2 * k5 + 3 * r2 * k6))) / below
@@ -140,6 +147,7 @@ def undistort(at: Floats, distortion: tuple[float, ...]) -> Floats:
             found, derivative = distort(slopes, distortion)
             (a, b), (c, d) = np.moveaxis(derivative, (-2, -1), (0, 1))
             u, v = np.moveaxis(found - at, -1, 0)
+            # Newton's step: the inverse of a matrix of 2 x 2 times the error.
             slopes = slopes - np.stack([d * u - b * v, a * v - c * u], -1) / (a * d - b * c)[..., None]
     return slopes
 
@@ -191,27 +199,43 @@ def make_lens(
         return Lens(STEREOGRAPHIC, seen, 2 * math.tan(seen / 2) if seen < math.pi else UNLIMITED, terms, half)
     if projection == "perspective" and not distortion:
         return Lens(PINHOLE, UNLIMITED, UNLIMITED, terms, half)
+    at = _grid(half, center, size)
+    lens = _fisheye(terms, seen, half) if projection == "fisheye" else _brown_conrady(terms, at, half)
+    _check_invertible(lens, at, seen, distortion, size)
+    return lens
+
+
+def _grid(half: tuple[float, float], center: tuple[float, float], size: tuple[int, int]) -> Floats:
+    """Positions (33, 33, 2) all over a picture, and BEYOND pixels around it."""
     steps = np.linspace(0, 1, 33)
     shares = np.stack(np.meshgrid(steps, steps), -1)
-    at = ((shares - center) + np.sign(shares - 0.5) * BEYOND / np.array(size)) * 2 * np.array(half)
-    lens = _fisheye(terms, seen, half) if projection == "fisheye" else _brown_conrady(terms, at, half)
+    beyond = np.sign(shares - 0.5) * BEYOND / np.array(size)
+    return np.asarray((shares - center + beyond) * 2 * np.array(half))
+
+
+def _check_invertible(
+    lens: Lens, at: Floats, seen: float, distortion: tuple[float, ...], size: tuple[int, int]
+) -> None:
+    """Raise SolariError unless a direction that a position shows is at this position. at: positions in the picture.
+    seen: the angle from the view axis that the lens should see."""
     radius = np.linalg.norm(at, axis=-1)
     inside = at[radius < lens.reach] if lens.kind == FISHEYE else at.reshape(-1, 2)
     with np.errstate(all="ignore"):
         error = np.abs(lens.positions(lens.directions(inside)) - inside).max(initial=0.0)
+    # A fisheye may fold where nobody looks: outside of the picture or of the image circle.
     folds = lens.kind == FISHEYE and lens.limit < seen and radius.max() > lens.reach
-    if folds or not error < 1e-6:
-        remedy = ": check the order of its numbers, k1, k2, p1, p2, k3, ..."
-        if folds:
-            remedy = (
-                f", beyond {math.degrees(lens.limit):.4g} degrees from the view axis: give image_circle, the "
-                "angle in radians that the lens sees"
-            )
-        raise SolariError(
-            f"the distortion {_shown(distortion)} isn't invertible in a picture of {size[0]}x{size[1]}, "
-            f"where several directions have one place{remedy}"
+    if error < 1e-6 and not folds:  # an error of NaN is one
+        return
+    remedy = ": check the order of its numbers, k1, k2, p1, p2, k3, ..."
+    if folds:
+        remedy = (
+            f", beyond {math.degrees(lens.limit):.4g} degrees from the view axis: give image_circle, the "
+            "angle in radians that the lens sees"
         )
-    return lens
+    raise SolariError(
+        f"the distortion {_shown(distortion)} isn't invertible in a picture of {size[0]}x{size[1]}, "
+        f"where several directions have one place{remedy}"
+    )
 
 
 def _shown(distortion: tuple[float, ...]) -> str:
@@ -221,6 +245,7 @@ def _shown(distortion: tuple[float, ...]) -> str:
 def _fisheye(terms: tuple[float, ...], seen: float, half: tuple[float, float]) -> Lens:
     """The fisheye up to where its radius begins to shrink."""
     angles = np.linspace(0, math.pi, 4097)
+    # Beyond the angle at which the radius is largest, two directions would have one place.
     shrinks = _fisheye_slope(angles, terms) <= 0
     limit = min(seen, float(angles[max(int(shrinks.argmax()) - 1, 1)])) if shrinks.any() else seen
     reach = float(fisheye_radius(np.array(limit), terms))
@@ -230,6 +255,7 @@ def _fisheye(terms: tuple[float, ...], seen: float, half: tuple[float, float]) -
 def _brown_conrady(terms: tuple[float, ...], at: Floats, half: tuple[float, float]) -> Lens:
     """The lens up to the first slope at which positions fold; at (..., 2): those of the picture."""
     turns = np.linspace(0, 2 * math.pi, 16, endpoint=False)
+    # Even steps of angle, up to almost 90 degrees. Folds are where the derivative's determinant isn't positive.
     radii = np.tan(np.linspace(0, math.atan(1e3), 2049))
     with np.errstate(all="ignore"):
         derivative = distort(radii[:, None, None] * np.stack([np.cos(turns), np.sin(turns)], -1), terms)[1]

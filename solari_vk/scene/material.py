@@ -261,14 +261,13 @@ class Material(TensorFields):
         pbr = given.to_pbr() if is_simple else given
         values = {name: getattr(pbr, name) for name in _OF_TRIMESH if getattr(pbr, name, None) is not None}
         color = np.asarray(values.pop("baseColorFactor", (255,) * 4)) / 255
+        fields: dict[str, Any] = {"metallic": 0.0 if is_simple else 1.0, "perceptual_roughness": 1.0}
         if is_simple:
             if "baseColorTexture" in values and (given.diffuse[:3] == _TRIMESH_GRAY).all():
                 color = np.ones(4)  # nobody chose the gray, which would darken the texture
             values |= {"doubleSided": True, "alphaMode": "blend" if color[3] < 1 else "opaque"}
         _drop_unusable(values, visual, pbr)
-        fields: dict[str, Any] = {"metallic": 0.0 if is_simple else 1.0, "perceptual_roughness": 1.0}
-        for name, value in values.items():
-            fields[_OF_TRIMESH[name]] = np.asarray(value.convert("RGBA")) if name.endswith("Texture") else value
+        fields |= {_OF_TRIMESH[name]: _without_pillow(value) for name, value in values.items()}
         fields["alpha_mode"] = str(fields.get("alpha_mode", "opaque")).lower()
         return cls(**fields | {"base_color": color[:3], "alpha": color[3], "name": str(given.name or "")})
 
@@ -329,6 +328,11 @@ def _is_placeholder(visual: Any) -> bool:
     """Whether a mesh of trimesh has the material of those without one: no uvs, and an image of 2 x 2 pixels."""
     image: Any = getattr(visual.material, "image", None)
     return visual.uv is None and bool(image) and image.size == (2, 2)
+
+
+def _without_pillow(value: Any) -> Any:
+    """A value of a material of trimesh, whose textures are images of Pillow."""
+    return np.asarray(value.convert("RGBA")) if hasattr(value, "convert") else value
 
 
 def _drop_unusable(values: dict[str, Any], visual: Any, pbr: Any) -> None:

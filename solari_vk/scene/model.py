@@ -175,7 +175,7 @@ class Scene(Grouping, Observable):
         transform, and as parts position, rotation and scale, say where what is made stands. Raises SolariError for
         anything else.
         """
-        if type(item).__module__.partition(".")[0] == "trimesh":
+        if type(item).__module__.partition(".")[0] == "trimesh":  # which needs no import here
             material = material or Material.from_trimesh(item)
             item = Mesh.from_trimesh(item)
         where = parts if transform is None else {"transform": transform, **parts}
@@ -185,14 +185,18 @@ class Scene(Grouping, Observable):
             return self._add_copies(item, name, where)
         if material is None and isinstance(item, str | os.PathLike):
             return self._add_copies(self._read(item), name, where)
-        for word in parts.keys() - set(PARTS):
+        self._check_options(material, name, where)
+        return self._holder(item).add(item)
+
+    def _check_options(self, material: Material | None, name: str, where: dict[str, Any]) -> None:
+        """Raise SolariError for options that `add` doesn't have, or has only for what it makes objects of."""
+        for word in where.keys() - {"transform", *PARTS}:
             raise unknown_name("Scene.add has no option", word, ("material", "transform", "name", *PARTS))
         if material is not None or where or name:
             raise SolariError(
                 f"{self.describe()}: name, transform, position, rotation and scale are given with a mesh, a file or a "
                 "scene, material with a mesh only: assign to the object's fields"
             )
-        return self._holder(item).add(item)
 
     def _read(self, path: str | os.PathLike[str]) -> Scene:
         """The scene of a file, whose warnings become this scene's, with a name that says something."""

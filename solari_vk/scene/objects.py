@@ -119,7 +119,8 @@ class Mesh(TensorFields):
                 f"Mesh.from_trimesh: smooth=True needs a library that isn't installed ({error}): install "
                 'it by "pip install scipy", or leave smooth out'
             ) from None
-        positions, triangles, colors = mesh.vertices, mesh.faces, None
+        positions, triangles = mesh.vertices, mesh.faces
+        colors = None
         if mesh.visual.kind == "face":
             corners = mesh.faces.ravel()
             positions, triangles = positions[corners], np.arange(len(corners)).reshape(-1, 3)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from itertools import product
-from typing import TYPE_CHECKING, NoReturn
+from typing import TYPE_CHECKING, Any, NoReturn
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -20,7 +20,10 @@ def polygons(*corners: ArrayLike, name: str = "") -> Mesh:
 
     The uvs of quads go from (0, 0) at the first corner to (1, 1) at the third; those of other polygons are zero.
     """
-    positions, normals, uvs, indices = [], [], [], []
+    positions: list[NDArray[np.float64]] = []
+    normals: list[NDArray[np.float64]] = []
+    uvs: list[NDArray[Any]] = []
+    indices: list[tuple[int, int, int]] = []
     start = 0
     for given in corners:
         polygon = np.asarray(given, np.float64)

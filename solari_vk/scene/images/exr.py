@@ -20,7 +20,10 @@ _COPIES_OF_CHUNKS = 3  # packed, unpacked, and by channels
 # with 256 and with 32, LJ2K, and ZSTD.
 _LINES = (1, 1, 1, 16, 32, 16, 32, 32, 32, 256, 256, 32, 256, 1)
 _HALF = 1
-_TILED, _DEEP, _SEVERAL_PARTS = 0x200, 0x800, 0x1000
+# Flags of the file's version field.
+_TILED = 0x200
+_DEEP = 0x800
+_SEVERAL_PARTS = 0x1000
 
 
 class ExrImage:
@@ -37,7 +40,10 @@ class ExrImage:
             self._channels = [name.decode() for name, _ in _channels(attributes[b"channels"])]
         except (struct.error, IndexError, KeyError, ValueError) as error:
             raise _damaged(who, error) from None
-        self.width, self.height, self._data = right - left + 1, bottom - top + 1, data
+        # The data window is given by its first and its last pixel.
+        self.width = right - left + 1
+        self.height = bottom - top + 1
+        self._data = data
         if min(self.width, self.height) < 1:
             raise SolariError(f"{who} is an EXR picture without pixels: save it again")
         self.working_bytes = _COPIES_OF_CHUNKS * chunk_bytes(data)
@@ -55,6 +61,7 @@ class ExrImage:
         if not is_whole(self._data):
             raise _damaged(who, "it is cut off")
         try:
+            # This interface reads from memory; the newer one, OpenEXR.File, from paths alone.
             picture = OpenEXR.InputFile(BytesIO(self._data))
             kind, size = Imath.PixelType(Imath.PixelType.FLOAT), (self.height, self.width)
             every = [*names, "A"] if "A" in self._channels else names
@@ -91,6 +98,7 @@ def _channels(attribute: bytes) -> Iterator[tuple[bytes, int]]:
     while attribute[place]:
         end = attribute.index(0, place)
         yield attribute[place:end], attribute[end + 1]
+        # After the name and a zero come the type, a flag, three reserved bytes and two sampling steps: 16 bytes.
         place = end + 17
 
 
@@ -103,7 +111,8 @@ def _header(data: bytes) -> tuple[int, dict[bytes, bytes], int]:
         kind_end = data.index(0, name_end + 1)
         (size,) = struct.unpack_from("<I", data, kind_end + 1)
         start, end = kind_end + 5, kind_end + 5 + size
-        attributes[data[place:name_end]], place = data[start:end], end
+        attributes[data[place:name_end]] = data[start:end]
+        place = end
     return flags, attributes, place
 
 
@@ -118,18 +127,23 @@ def is_whole(data: bytes) -> bool:
             return True
         flags, attributes, place = _header(data)
         left, top, right, bottom = struct.unpack("<4i", attributes[b"dataWindow"])
-        width, height, compression = right - left + 1, bottom - top + 1, attributes[b"compression"][0]
+        width, height = right - left + 1, bottom - top + 1
+        compression = attributes[b"compression"][0]
         if flags & _TILED:
             tile_width, tile_height, levels = struct.unpack("<IIB", attributes[b"tiles"])
             if levels:
                 return True
-            count, place_bytes = -(-width // tile_width) * -(-height // tile_height), 16
+            count = -(-width // tile_width) * -(-height // tile_height)
+            place_bytes = 16  # the tile's column and row, and its level in both directions
         elif compression < len(_LINES):
-            count, place_bytes = -(-height // _LINES[compression]), 4
+            count = -(-height // _LINES[compression])
+            place_bytes = 4  # the chunk's first line
         else:
             return True
+        # The table says where each chunk starts. Writers fill it in last: a file that was cut off has zeros.
         offsets = np.frombuffer(data, "<u8", count, place + 1)
         starts = offsets.astype(np.int64) + place_bytes
+        # Each chunk begins with its place, and the size of its data in 32 bits.
         sizes = np.frombuffer(data, np.uint8)[starts[:, None] + np.arange(4)].view("<u4")[:, 0]
         return bool(offsets.all()) and bool((starts + 4 + sizes <= len(data)).all())
     except (struct.error, IndexError, KeyError, ValueError, ZeroDivisionError):

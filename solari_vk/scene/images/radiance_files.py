@@ -71,6 +71,7 @@ def light_of(image: FloatArray, who: str) -> tuple[FloatArray, bool]:
     negative = image < 0
     if not negative.any():
         return image, False
+    # Filters that sharpen leave a little negative light beside what is bright.
     if -image[negative].sum(dtype=np.float64) > SMALL_SHARE * image[~negative].sum(dtype=np.float64):
         raise SolariError(f"{who} holds negative light: clip it at 0 in an image program")
     return image.clip(0), True
@@ -118,10 +119,12 @@ def _read_hdr(data: bytes, source: Path) -> FloatArray:
     height, width = int(size[1]), int(size[2])
     _check_size(width, height, source)
     rgbe = _decode_rgbe(data, found.end(), height, width, source)
+    # Each program that changed the brightness added a line; the radiance is before all of them.
     exposure = math.prod(float(value) for value in _EXPOSURE.findall(header))
     if not 0 < exposure < math.inf:
         raise SolariError(f"{source} has the EXPOSURE {exposure:g}: save it again")
     exponents = rgbe[..., 3:].astype(np.int32)
+    # A mantissa of 8 bits, and an exponent with a bias of 128 that all three share: 2^(e - 128 - 8).
     scale = np.where(exponents > 0, np.ldexp(np.float32(1), exponents - 136), np.float32(0))
     colors: FloatArray = (rgbe[..., :3] * scale / exposure).astype(np.float32)
     return colors
@@ -129,6 +132,7 @@ def _read_hdr(data: bytes, source: Path) -> FloatArray:
 
 def _decode_rgbe(data: bytes, start: int, height: int, width: int, source: Path) -> NDArray[np.uint8]:
     """The codes (height, width, 4), which are stored flat or as run lengths of each channel of a row."""
+    # A row with run lengths begins with two 2s and the width.
     runs = bytes((2, 2, width >> 8, width & 0xFF)) if _LEAST_RUN_WIDTH <= width <= _MOST_RUN_WIDTH else None
     cut = SolariError(f"{source} is cut off or damaged: load it again")
     if runs is None or data[start : start + 4] != runs:
@@ -136,31 +140,35 @@ def _decode_rgbe(data: bytes, start: int, height: int, width: int, source: Path)
         if flat.size < height * width * 4:
             raise cut
         pixels = flat[: height * width * 4].reshape(height, width, 4)
+        # Old files repeat a pixel by codes of three 1s, which no writer makes any more.
         if (pixels[..., :3] == 1).all(axis=-1).any():
             raise SolariError(f"{source} has run lengths of an old kind: save it again")
         return pixels
     if len(data) - start < 8 * height:  # before memory is taken
         raise cut
     rows = np.empty((height, 4, width), np.uint8)
-    row = bytearray()
     for y in range(height):
         if data[start : start + 4] != runs:
             raise cut
-        start += 4
-        row.clear()
-        while len(row) < 4 * width:
-            if start + 1 >= len(data):
-                raise cut
-            count = data[start]
-            if count > 128:
-                row += data[start + 1 : start + 2] * (count - 128)
-                start += 2
-            else:
-                row += data[start + 1 : start + 1 + count]
-                start += 1 + count
-                if count == 0 or start > len(data):
-                    raise cut
+        row, start = _decode_row(data, start + 4, 4 * width)
         if len(row) != 4 * width:
             raise cut
         rows[y] = np.frombuffer(row, np.uint8).reshape(4, width)
     return rows.swapaxes(1, 2)
+
+
+def _decode_row(data: bytes, start: int, size: int) -> tuple[bytearray, int]:
+    """The bytes of a row, at least `size` unless the data are cut off or damaged, and where the next row begins."""
+    row = bytearray()
+    while len(row) < size and start + 1 < len(data):
+        # A count above 128 is a run of one value; a smaller one says how many values follow as they are.
+        count = data[start]
+        if count > 128:
+            row += data[start + 1 : start + 2] * (count - 128)
+            start += 2
+        elif count == 0:
+            break
+        else:
+            row += data[start + 1 : start + 1 + count]
+            start += 1 + count
+    return row, start

@@ -20,10 +20,13 @@ Floats = NDArray[np.floating[Any]]
 GROUND, TOP = 6360.0, 6460.0  # radii of the ground and of the end of the atmosphere
 EYE = GROUND + 0.002
 RAYLEIGH, RAYLEIGH_HEIGHT = np.array((5.802, 13.558, 33.1)) * 1e-3, 8.0
-HAZE_HEIGHT, HAZE_ALBEDO, HAZE_FORWARD = 1.2, 0.9, 0.8  # the haze scatters light forward: Cornette and Shanks (1992)
-OZONE, OZONE_CENTER, OZONE_HALF_WIDTH = np.array((0.650, 1.881, 0.085)) * 1e-3, 25.0, 15.0
+HAZE_HEIGHT, HAZE_ALBEDO = 1.2, 0.9
+HAZE_FORWARD = 0.8  # the mean cosine by which haze scatters light: Cornette and Shanks (1992)
+OZONE = np.array((0.650, 1.881, 0.085)) * 1e-3
+OZONE_CENTER, OZONE_HALF_WIDTH = 25.0, 15.0  # of a layer that is densest in its middle
 HEIGHT, WIDTH = 256, 512  # of the map
-_ROWS, _TURNS, _STEPS = 48, 33, 48  # of the grid of rays over the sky, and along each ray
+_ROWS, _TURNS = 48, 33  # of the grid of rays over the sky
+_STEPS = 48  # along each ray
 
 
 @dataclass(frozen=True)
@@ -39,6 +42,7 @@ class Atmosphere:
     @functools.cached_property
     def haze(self) -> float:
         """What haze takes from light at the ground, in 1/km."""
+        # The optical depth of a layer that thins out exponentially is its coefficient at the ground times its height.
         return float((self.turbidity - 1) * RAYLEIGH[1] * RAYLEIGH_HEIGHT / HAZE_HEIGHT)
 
     def scattering(self, height: Floats) -> tuple[Floats, Floats, Floats]:
@@ -53,10 +57,13 @@ class Atmosphere:
         """Of rays to the top, over the radius (32) and the ray's length (128), in the coordinates of `_place`."""
         horizon = np.sqrt(TOP**2 - GROUND**2)
         radius = np.sqrt((np.linspace(0, 1, 32)[:, None] * horizon) ** 2 + GROUND**2)
+        # Bruneton and Neyret, section 4: rays are told apart by the length of their way to the top, from straight up to
+        # along the horizon, which spends the table where the transmittance changes fast.
         shortest, longest = TOP - radius, np.sqrt(np.maximum(radius**2 - GROUND**2, 0)) + horizon
         length = shortest + np.linspace(0, 1, 128) * (longest - shortest)
         cosine = np.ones_like(length)
         np.divide(TOP**2 - radius**2 - length**2, 2 * radius * length, out=cosine, where=length > 0)
+        # Steps grow with the square, since the air is densest where most rays begin.
         share = (np.arange(64) + 0.5) / 64
         along = length[..., None] * share**2
         weight = length[..., None] * (2 * share / 64)
@@ -74,6 +81,7 @@ class Atmosphere:
         shortest, longest = TOP - radius, rim + horizon
         share = (length - shortest) / np.maximum(longest - shortest, 1e-9)
         found = interpolate(self._transmittances, rim / horizon * 31, share * 127)
+        # A ray that goes down and meets the ground brings no sunlight.
         found[(cosine < 0) & (under_root + GROUND**2 > 0)] = 0
         return found
 
@@ -84,16 +92,20 @@ class Atmosphere:
         cosine = np.broadcast_to(np.linspace(-0.3, 1, 32), (16, 32))
         radius = np.broadcast_to(GROUND + height, cosine.shape)
         up = 1 - 2 * (np.arange(8) + 0.5) / 8
+        # 64 directions over the sphere, as in the paper, of which half are computed.
         turn = np.pi * (np.arange(8) + 0.5) / 8  # the other half is the mirror image
         up, turn = (axis.ravel() for axis in np.meshgrid(up, turn))
         shape = (*radius.shape, len(up))
         radius, cosine = (np.broadcast_to(of[..., None], shape) for of in (radius, cosine))
         light, passed = self._gather(radius, cosine, np.broadcast_to(up, shape), np.broadcast_to(turn, shape))
+        # Hillaire, equation 10: all orders of scattering after the second are a geometric series of the share that
+        # comes back.
         found: Floats = light.mean(axis=-2) / (1 - passed.mean(axis=-2))
         return found
 
     def _gather(self, radius: Floats, cosine: Floats, up: Floats, turn: Floats) -> tuple[Floats, Floats]:
         """The second scattering along rays: its light, and the share of even light that comes back (..., 3) each."""
+        # 20 steps a ray, as in the paper: what is scattered several times is smooth.
         steps = 20
         under_root = radius**2 * (up**2 - 1)
         to_ground = (up < 0) & (under_root + GROUND**2 > 0)
@@ -110,6 +122,7 @@ class Atmosphere:
             here = np.sqrt(radius**2 + at**2 + 2 * radius * up * at)
             sun = (radius * cosine + at * toward_sun) / here
             air, haze, taken = self.scattering(here - GROUND)
+            # Within a step the light that is scattered towards the eye is integrated exactly: (1 - lost) / taken.
             lost = np.exp(-taken * (end / steps)[..., None])
             share = seen * (air + haze) * (1 - lost) / np.maximum(taken, 1e-12)
             light += share * self.transmittance(here, sun) / (4 * np.pi)
@@ -118,6 +131,7 @@ class Atmosphere:
         here = np.sqrt(radius**2 + end**2 + 2 * radius * up * end)
         sun = (radius * cosine + end * toward_sun) / here
         ground = np.asarray(self.albedo) / np.pi * (np.maximum(sun, 0)[..., None] * self.transmittance(here, sun))
+        # The ground reflects sunlight too, as a matte surface.
         light += np.where(to_ground[..., None], seen * ground, 0)
         return light, back
 
@@ -149,6 +163,8 @@ def sky_map(air: Atmosphere, sun_height: float) -> Floats:
 
     The sun stands over the middle column. It is not in the map. The lower half is the ground.
     """
+    # Light is gathered for a coarse grid of rays, and without the phase functions, which vary faster than it: they
+    # follow for each texel.
     rows = np.linspace(0, 1, _ROWS) ** 2 * (np.pi / 2)  # elevations, densest at the horizon
     turns = np.linspace(0, np.pi, _TURNS)
     up, turn = np.sin(rows)[:, None] * np.ones(_TURNS), turns * np.ones((_ROWS, 1))
@@ -157,6 +173,7 @@ def sky_map(air: Atmosphere, sun_height: float) -> Floats:
     seen = np.ones((*up.shape, 3))
     by_air, by_haze, by_all = (np.zeros((*up.shape, 3)) for _ in range(3))
     for step in range(_STEPS):
+        # As above, steps grow with the square.
         first, last = (step / _STEPS) ** 2, ((step + 1) / _STEPS) ** 2
         at, length = end * ((step + 0.5) / _STEPS) ** 2, end * (last - first)
         here = np.sqrt(EYE**2 + at**2 + 2 * EYE * up * at)
@@ -179,6 +196,7 @@ def sky_map(air: Atmosphere, sun_height: float) -> Floats:
         1 - sun_height**2
     )
     g = HAZE_FORWARD
+    # Rayleigh's phase function, and that of Cornette and Shanks for haze.
     phase_of_air = 3 / (16 * np.pi) * (1 + cosine**2)
     phase_of_haze = 3 / (8 * np.pi) * (1 - g**2) * (1 + cosine**2) / ((2 + g**2) * (1 + g**2 - 2 * g * cosine) ** 1.5)
     upper = (
@@ -186,6 +204,7 @@ def sky_map(air: Atmosphere, sun_height: float) -> Floats:
         + interpolate(by_haze, row, column) * phase_of_haze[..., None]
         + interpolate(by_all, row, column)
     )
+    # The ground is lit by the whole sky and the sun, and reflects it evenly.
     weights = (np.sin(elevation) * np.cos(elevation) * (np.pi / HEIGHT) * (2 * np.pi / WIDTH))[:, None, None]
     arriving = max(sun_height, 0.0) * air.transmittance(np.array([EYE]), np.array([sun_height]))[0]
     ground = np.asarray(air.albedo) / np.pi * ((upper * weights).sum(axis=(0, 1)) + arriving)

@@ -124,5 +124,6 @@ class Portal(Light):
         return ""
 
     def _validate(self) -> None:
-        if fault := self.fault(self.half_u, self.half_v):
+        fault = self.fault(self.half_u, self.half_v)
+        if fault:
             raise SolariError(f"{self.describe()}: {fault}")

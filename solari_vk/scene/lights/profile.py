@@ -275,7 +275,9 @@ class _Numbers:
     """The numbers of a file, taken one after the other."""
 
     def __init__(self, words: list[str], name: str) -> None:
-        self._words, self._name, self._at = words, name, 0
+        self._words = words
+        self._name = name
+        self._at = 0
 
     def take(self, count: int) -> FloatArray:
         words = self._words[self._at : self._at + count]

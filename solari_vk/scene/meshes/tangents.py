@@ -180,9 +180,17 @@ def components(count: int, a: Integers, b: Integers) -> Integers:
         if not apart.any():
             return label
         np.minimum.at(label, high[apart], low[apart])
-        while not np.array_equal(label, jumped := label[label]):
-            label = jumped
+        label = _shortened(label)
         a, b = a[apart], b[apart]
+
+
+def _shortened(label: Integers) -> Integers:
+    """Labels that name the root of each chain of labels: pointer jumping."""
+    while True:
+        jumped = label[label]
+        if np.array_equal(label, jumped):
+            return label
+        label = jumped
 
 
 def next_corner(corner: Integers) -> Integers:

@@ -24,9 +24,12 @@ FEW_DIRECTIONS, SLACK_OF_FEW = 24, 0.25  # which settle most places
 # boxes enclose their center too, but are smaller.
 ROOM_SHARE = 0.8
 LOWEST_ROOM, HIGHEST_ROOM = 1.8, 100.0
-# Shares of directions in which a shell shows its front to a viewer who walks around it, rays meet a second front face
-# in a room with something in it, a floor is level, a dome without its lower half is seen, no light gets in.
-OUTSIDE_SHARE, FURNISHED_SHARE, FLOOR_SHARE, DOME_SHARE, CLOSED_SHARE = 0.5, 0.05, 0.5, 0.4, 0.95
+# Shares of directions.
+OUTSIDE_SHARE = 0.5  # in which a shell shows its front to a viewer who walks around it
+FURNISHED_SHARE = 0.05  # in which rays meet a second front face, in a room with something in it
+FLOOR_SHARE = 0.5  # of steep rays that meet a level surface, if it is a floor
+DOME_SHARE = 0.4  # in which a dome is seen, also one without its lower half
+CLOSED_SHARE = 0.95  # in which something is met, where no light gets in
 MOST_INSIDE = 0.7  # of a dome's size, for what it is the background of
 STEEP, LEVEL = 0.6, 0.97  # the sine of a steep view, and the cosine of the slope of a level surface
 # Where a room is looked for: shares of the scene's bounds, and a height above them in meters that replaces the share.

@@ -10,7 +10,7 @@ import numpy as np
 
 from solari_vk.scene.camera import Camera
 from solari_vk.scene.matrices import rotation
-from solari_vk.scene.presenting.enclosures import Floats, extent, find_dome, find_room, largest_triangles, trace
+from solari_vk.scene.presenting.enclosures import Dome, Floats, extent, find_dome, find_room, largest_triangles, trace
 
 if TYPE_CHECKING:
     from solari_vk.scene.animation.clip import Animation
@@ -24,12 +24,16 @@ DIRECTIONS = 400
 WIDEST_FOV = math.radians(100)  # in a dome that leaves no room to step back
 
 
-def poses(scene: Any, subject: Callable[[], list[Instance]], clip: Animation | None) -> Iterator[list[Instance]]:
-    """What a camera for a scene shows, its `subject`, in poses of a clip of which the last is its start."""
-    for seconds in (0.0,) if clip is None else np.linspace(clip.duration, 0, CLIP_POSES):
-        if clip is not None:
-            clip.apply(scene, seconds, loop=False)
-        yield subject()
+def poses(
+    scene: Any, shown_instances: Callable[[], list[Instance]], clip: Animation | None
+) -> Iterator[list[Instance]]:
+    """The instances that a camera for a scene shows, in poses of a clip; the scene stays in the last, the start."""
+    if clip is None:
+        yield shown_instances()
+        return
+    for seconds in np.linspace(clip.duration, 0, CLIP_POSES):
+        clip.apply(scene, seconds, loop=False)
+        yield shown_instances()
 
 
 def default_camera(poses: Iterable[list[Instance]], aspect: float, turns: Iterable[float] = (0.0,)) -> Camera | None:
@@ -40,11 +44,15 @@ def default_camera(poses: Iterable[list[Instance]], aspect: float, turns: Iterab
     and what is in a dome from within the dome.
     """
     visible: list[Instance] = []
-    points, dome = [], None
-    for shown in filter(None, poses):
+    points: list[Floats] = []
+    dome: Dome | None = None
+    for shown in poses:
+        if not shown:
+            continue
         dome = dome if visible else find_dome(shown)
         visible = shown
-        points.append(extent([instance for instance in shown if dome is None or instance in dome.inside] or shown))
+        inside = [instance for instance in shown if dome is None or instance in dome.inside]
+        points.append(extent(inside or shown))
     if not visible:
         return None
     every = np.concatenate(points)
@@ -53,12 +61,22 @@ def default_camera(poses: Iterable[list[Instance]], aspect: float, turns: Iterab
     room = find_room(visible, every)
     if room is not None:
         return _inside(room.center, room.triangles)
-    center, turns = (every.min(axis=0) + every.max(axis=0)) / 2, list(turns)
-    outer = every if len(turns) == 1 else _outermost(every)
-    seen = np.concatenate([(outer - center) @ rotation((0, 1, 0), turn) for turn in turns])  # turned the other way
-    if len(turns) > 1:  # the axis is in the middle of the picture, or what turns would wander from side to side
+    return _around(every, list(turns), aspect)
+
+
+def _around(points: Floats, turns: list[float], aspect: float) -> Camera:
+    """A camera that shows points (N, 3) whole, also after it is turned by any of some angles about their middle."""
+    center = (points.min(axis=0) + points.max(axis=0)) / 2
+    if len(turns) > 1:
+        points = _outermost(points)
+    # In place of the camera the points turn, the other way around.
+    seen = np.concatenate([(points - center) @ rotation((0, 1, 0), turn) for turn in turns])
+    if len(turns) > 1:
+        # With all points and their mirror images the axis is in the middle of the picture. Otherwise what turns would
+        # wander from side to side.
         right = np.cross(VIEW, (0, 1, 0))
-        seen = np.concatenate([seen, seen - 2 / (right @ right) * np.outer(seen @ right, right)])  # mirrored
+        mirrored = seen - 2 / (right @ right) * np.outer(seen @ right, right)
+        seen = np.concatenate([seen, mirrored])
     return fit(seen + center, VIEW, aspect)
 
 
@@ -84,6 +102,8 @@ def fit(points: Floats, direction: tuple[float, float, float], aspect: float) ->
         # A point is inside the picture's edges if |across - eye| <= tangent * (height - z).
         height = max(height, ((across + tangent * z).max() + (tangent * z - across).max()) / (2 * tangent))
     transform = camera.transform.copy()
+    # The height is that of the nearest camera whose picture is wide enough; where it is wider than needed, the points
+    # are in its middle.
     transform[:3, 3] = axes @ (_middle(x, height - z), _middle(y, height - z), height)
     camera.update(transform=transform, near=max(1e-4 * extent, 1e-9))
     return camera
@@ -92,6 +112,7 @@ def fit(points: Floats, direction: tuple[float, float, float], aspect: float) ->
 def _middle(across: Floats, depth: Floats) -> float:
     """The position from which the points are seen as far on one side of the picture's center as on the other."""
     low, high = float(across.min()), float(across.max())
+    # Bisection: after 40 halvings the rest is below the precision of 32 bits.
     for _ in range(40):
         middle = (low + high) / 2
         seen = (across - middle) / depth
@@ -103,6 +124,7 @@ def _in_dome(camera: Camera, points: Floats, triangles: Floats, aspect: float) -
     """The camera, moved towards the points (N, 3) and with a wider view if triangles (M, 3, 3) would stand between."""
     center = (points.min(axis=0) + points.max(axis=0)) / 2
     eye = camera.transform[:3, 3].astype(np.float64)
+    # Rays from the middle of what is shown: the camera stays well within the dome.
     free = 0.9 * float(trace(center, (eye - center)[None], triangles).distance[0])
     if free >= 1:
         return camera
@@ -117,6 +139,7 @@ def _in_dome(camera: Camera, points: Floats, triangles: Floats, aspect: float) -
 
 def _inside(center: Floats, triangles: Floats) -> Camera:
     """A camera in a room: at one end of the longest way through the center, towards the other end."""
+    # 48 level directions, of which 24 steps are half a turn.
     turns = 2 * math.pi * np.arange(48) / 48
     level = np.stack([np.sin(turns), 0 * turns, np.cos(turns)], axis=1)
     free = trace(center, level, triangles).distance
@@ -126,6 +149,7 @@ def _inside(center: Floats, triangles: Floats) -> Camera:
     if free[ahead] < free[(ahead + 24) % 48]:
         ahead = (ahead + 24) % 48
     behind = free[(ahead + 24) % 48]
+    # Not at the wall itself, which would be cut by the near plane.
     eye = center - 0.8 * behind * level[ahead]
     target = center + 0.8 * free[ahead] * level[ahead]
     target[1] -= 0.1 * (free[ahead] + behind)

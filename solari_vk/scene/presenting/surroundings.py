@@ -27,18 +27,22 @@ def surround(scene: Scene, camera: Camera, kind: str) -> tuple[str, bool]:
     camera: what turns with it. Returns what the scene got for want of light, "" if it has some, and whether a studio
     alone lights it, which suits EV100 0.
     """
-    lit, given = any(light.emits for light in scene.lights) or _is_lit_by_surfaces(scene), ""
+    lit = any(light.emits for light in scene.lights) or _is_lit_by_surfaces(scene)
+    given = ""
     if kind == "auto" and not lit:
         visible = [instance for instance in scene if instance.visible]
         kind, given = _light_within(scene, visible, camera) if visible else ("studio", "shown in a studio")
-    if kind == "none":
-        scene.environment = None
-    elif kind == "studio":
-        studio_lights(scene, camera=camera, ground=not lit)
-    elif kind == "sky":
-        _add_sky(scene, camera, lit)
-    elif kind != "auto":
-        scene.environment = Environment(kind)
+    match kind:
+        case "auto":
+            pass
+        case "none":
+            scene.environment = None
+        case "studio":
+            studio_lights(scene, camera=camera, ground=not lit)
+        case "sky":
+            _add_sky(scene, camera, lit)
+        case _:
+            scene.environment = Environment(kind)
     return given, kind == "studio" and not lit
 
 
@@ -63,7 +67,8 @@ def _light_within(scene: Scene, visible: list[Instance], camera: Camera) -> tupl
 
 def _add_sky(scene: Scene, camera: Camera, lit: bool) -> None:
     """A sky whose sun stands behind the camera's left shoulder, over a floor if the scene has no light of its own."""
-    turn, across = heading(camera) + SUN_HEADING, math.cos(SUN_HEIGHT)
+    turn = heading(camera) + SUN_HEADING
+    across = math.cos(SUN_HEIGHT)
     sky = Sky(np.array((across * math.sin(turn), math.sin(SUN_HEIGHT), across * math.cos(turn)), np.float32))
     if not lit:
         add_floor(scene, float(sky.ground_albedo.mean()))

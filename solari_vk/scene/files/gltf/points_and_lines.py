@@ -17,6 +17,9 @@ _RADIUS_OF_ONE = 0.01  # in meters, of points that are all at one place
 _MOST_POINTS, _MOST_LINES = 2**18, 2**17  # further ones are thinned out
 _FEW = 2**15  # that are rounder
 _SIDES = 6
+# glTF 2.0, 5.24 (Mesh.Primitive): modes.
+_LINES = 1
+_LINE_LOOP = 2
 _BYTES_PER_VERTEX = 256
 _BYTES_PER_CORNER = 24  # two ends of a line, and what sorts them
 
@@ -48,14 +51,11 @@ def with_surface(
     All that a vertex has but its normal and tangent is that of the point it belongs to. mode: glTF's, 0 to 3.
     """
     primitive.charge(0, f"{len(corners):,} points or lines", working=_BYTES_PER_CORNER * len(corners))
-    lines = np.stack([corners[:-1], corners[1:]], axis=1)
-    if mode == 1:
-        lines = lines[::2]
-    elif mode == 2 and len(corners) > 1:
-        lines = np.concatenate([lines, corners[[-1, 0]][None]])
+    lines = _line_ends(corners, mode)
     count, most = (len(lines), _MOST_LINES) if mode else (len(corners), _MOST_POINTS)
     step = max(-(-count // most), 1)
     lines = lines[::step] if mode else lines[:0]
+    # The ends of lines are round, so that they join without gaps.
     centers = np.unique(lines) if mode else corners[::step]
     solid = _ICOSAHEDRON if len(centers) <= _FEW else _OCTAHEDRON
     size = len(centers) * len(solid.corners) + 2 * _SIDES * len(lines)
@@ -72,15 +72,32 @@ def with_surface(
         sources.append(np.repeat(lines, _SIDES))
     source, normal = np.concatenate(sources), np.concatenate(normals)
 
-    used = positions[corners] if len(corners) else np.zeros((1, 3))
-    diagonal = float(np.linalg.norm(np.ptp(used, axis=0)))
-    share = LINE_RADIUS if mode else min(POINT_RADIUS, 0.5 / max(len(centers), 1) ** 0.5)
-    radius = share * diagonal or _RADIUS_OF_ONE
+    radius = _radius(positions[corners], mode, len(centers))
     found = {name: values[source] for name, values in vertices.items() if "TANGENT" not in name.upper()}
     found.pop("target_normals", None)
     found["POSITION"] = (positions[source] + radius * normal).astype(np.float32)
     found["NORMAL"] = normal.astype(np.float32)
     return found, np.concatenate(triangles).astype(np.uint32), step
+
+
+def _line_ends(corners: NDArray[np.uint32], mode: int) -> NDArray[np.uint32]:
+    """The vertices (N, 2) of lines: of each two corners, or of a strip, which a loop closes."""
+    lines = np.stack([corners[:-1], corners[1:]], axis=1)
+    if mode == _LINES:
+        return lines[::2]
+    if mode == _LINE_LOOP and len(corners) > 1:
+        return np.concatenate([lines, corners[[-1, 0]][None]])
+    return lines
+
+
+def _radius(used: NDArray[np.float64], mode: int, count: int) -> float:
+    """The radius of spheres and tubes, for `count` points at the places `used`."""
+    if not len(used):
+        return _RADIUS_OF_ONE
+    diagonal = float(np.linalg.norm(np.ptp(used, axis=0)))
+    # Points on a surface of the primitive's size would touch each other with 1 / sqrt(count) of it as diameter.
+    share = LINE_RADIUS if mode else min(POINT_RADIUS, 0.5 / max(count, 1) ** 0.5)
+    return share * diagonal or _RADIUS_OF_ONE
 
 
 def _around(along: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -51,7 +51,8 @@ class Pose:
             instance.update(**fields)
         except SolariError as error:
             raise self._node.entry.error(f"has a pose that can't be shown: {error}") from None
-        rig, row = self._animations.rig, self._animations.row(self._node.number)
+        rig = self._animations.rig
+        row = self._animations.row(self._node.number)
         if self._skin is not None and "joint_matrices" in fields and max(self._skin[0]) >= 0:
             rig.attach_skin(instance, *self._skin)
         if animated and "morph_weights" in fields and row is not None:
