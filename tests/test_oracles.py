@@ -5,10 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from oracles import brdf
-from oracles.cameras import camera_rays
 from oracles.encodings import decode_octahedral, decode_rgb9e5, encode_rgb9e5, pcg_hash
 from oracles.light import closed_box_radiance, polygon_irradiance, sun_irradiance
-from oracles.rays import World, closest_by_brute_force
+from oracles.rays import World, camera_rays, closest_by_brute_force
 from scipy import stats
 from support import statistics
 

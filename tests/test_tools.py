@@ -1,4 +1,5 @@
-"""tools/show_frame.py lists the whole frame of a renderer; tools/size.py measures a checkout."""
+"""The sources pass the linter and the type checker, tools/show_frame.py lists a renderer's whole frame, and
+tools/size.py measures a checkout."""
 
 from __future__ import annotations
 
@@ -13,7 +14,8 @@ import pytest
 import solari_vk as sv
 from solari_vk.gpu.frame.frame import Row
 
-TOOLS = Path(__file__).resolve().parents[1] / "tools"
+ROOT = Path(__file__).resolve().parents[1]
+TOOLS = ROOT / "tools"
 SHOW_FRAME = runpy.run_path(str(TOOLS / "show_frame.py"))
 SIZE = (32, 24)
 
@@ -105,3 +107,23 @@ def test_size_measures_another_checkout(tmp_path):
     ):
         assert line in lines
     assert lines[-1].startswith("tests: 1 test collected")
+
+
+# ---- the linter, the formatter and the strict type checker, which pyproject.toml configures ----
+
+
+def run(*command: str) -> None:
+    done = subprocess.run([sys.executable, "-m", *command], cwd=ROOT, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout + done.stderr
+
+
+def test_ruff():
+    run("ruff", "check", "--no-cache", "solari_vk", "tests", "tools", "hatch_build.py")
+
+
+def test_mypy():
+    run("mypy")
+
+
+def test_format():
+    run("ruff", "format", "--no-cache", "--check", "solari_vk", "tests", "tools", "hatch_build.py")

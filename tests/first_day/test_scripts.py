@@ -1,6 +1,7 @@
 """What a new user writes from imagination: scripts that run, and errors of the others, which lead to the answer.
 
-The scripts are as they were written, but for lines of which an error message said what to write in their place.
+The scripts in scripts.md are as they were written, but for lines of which an error message said what to write in their
+place.
 """
 
 from __future__ import annotations
@@ -16,7 +17,8 @@ from solari_vk.base.errors import other_words
 from solari_vk.gpu.device.device import Device
 
 HIT_FIELDS = ("t", "position", "primitive")
-SCRIPTS = sorted((Path(__file__).parent / "scripts").glob("*.py"))
+PAGE = Path(__file__).with_name("scripts.md").read_text(encoding="utf-8")
+SCRIPTS = dict(re.findall(r"^## (\w+)[^\n]*\n```python\n(.*?)^```$", PAGE, re.M | re.S))
 SMALLER = {
     r"\((320, ?180|320, ?240|64, ?64|3840, ?2160)\)": "(32, 24)",
     r"range\((8|12|10|20|30|32)\)": "range(2)",
@@ -26,9 +28,9 @@ SMALLER = {
 
 @pytest.mark.slow
 @pytest.mark.filterwarnings("error:the picture is black", "error:.*has no light")
-@pytest.mark.parametrize("path", SCRIPTS, ids=lambda path: path.stem)
-def test_a_script_runs(lent_device, tmp_path, monkeypatch, path, asset):
-    program = path.read_text(encoding="utf-8")
+@pytest.mark.parametrize("script", SCRIPTS)
+def test_a_script_runs(lent_device, tmp_path, monkeypatch, script, asset):
+    program = SCRIPTS[script]
     for name in re.findall(r"\b(trimesh|torch|imageio|matplotlib|cv2)\b", program):
         pytest.importorskip(name)
     if ".mp4" in program:
@@ -43,8 +45,8 @@ def test_a_script_runs(lent_device, tmp_path, monkeypatch, path, asset):
         program = re.sub(shown, run, program)
     names = {"__name__": "__main__"}
     try:
-        exec(compile(program, path.name, "exec"), names)
-        if path.stem == "s09":  # the ball is where OpenCV projects it
+        exec(compile(program, script, "exec"), names)
+        if script == "s09":  # the ball is where OpenCV projects it
             assert abs(names["uv"] - (names["xs"].mean(), names["ys"].mean())).max() < 1
     finally:
         for value in names.values():

@@ -3,7 +3,7 @@
 import math
 
 import numpy as np
-from oracles.cameras import over_pixels
+from oracles.rays import over_pixels
 
 import solari_vk as sv
 from solari_vk.scene import shapes

@@ -1,4 +1,4 @@
-"""Renders mutated glTF files; run by test_rendered_mutants.py in a process of its own.
+"""Renders mutated glTF files; run by test_fuzz.py in a process of its own.
 
     PYTHONPATH=tests:tests/reliability python tests/reliability/render_mutants.py FOLDER COUNT SEED KIND...
 

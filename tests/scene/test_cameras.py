@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 import pytest
-from oracles.cameras import project
+from oracles.rays import project
 
 import solari_vk as sv
 from solari_vk.base.errors import SolariError

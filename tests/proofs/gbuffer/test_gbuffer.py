@@ -11,8 +11,8 @@ from unittest import mock
 import numpy as np
 import pytest
 from gbuffer_worlds import material_zoo
-from oracles.cameras import camera_rays
 from oracles.encodings import decode_gbuffer
+from oracles.rays import camera_rays
 from support.frames import GBUFFER, PartialRenderer, get_jitter, make_renderer
 from support.seeded_bugs import Bug, bug_tests
 from test_raster_and_rays import SIZE, check_raster

@@ -12,8 +12,8 @@ from contextlib import ExitStack
 import numpy as np
 import pytest
 from gbuffer_worlds import WALLS, material_zoo, turned, turned_rigidly, walled
-from oracles.cameras import camera_rays, project, world_positions
 from oracles.encodings import GBUFFER_IMAGES, decode_gbuffer
+from oracles.rays import camera_rays, project, world_positions
 from support.frames import GBUFFER, GUIDES, get_jitter, make_renderer, path_traced
 from support.seeded_bugs import Bug, bug_tests
 

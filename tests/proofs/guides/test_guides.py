@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from oracles.cameras import camera_rays
+from oracles.rays import camera_rays
 from support.frames import GUIDES, LIGHT_OFF, PARTS, add_up, make_renderer, path_traced
 from support.seeded_bugs import Bug, Measurement, Rule, bug_tests, require, seeded
 

@@ -9,9 +9,9 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
-from oracles.cameras import camera_rays
 from oracles.encodings import decode_octahedral, decode_rgb9e5, pcg_hash, pcg_step
 from oracles.light import floor_scene, sun_radiance
+from oracles.rays import camera_rays
 from scipy import stats
 from support.frames import LIGHT_OFF, direct_renderer, make_renderer, material_records, run_brdf
 from support.seeded_bugs import Bug, Measurement, Rule, bug_tests, require, seeded

@@ -9,7 +9,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
-from oracles.cameras import over_pixels
 from oracles.encodings import decode_srgb
 from oracles.light import (
     ALBEDO,
@@ -21,6 +20,7 @@ from oracles.light import (
     sun_irradiance,
     sun_radiance,
 )
+from oracles.rays import over_pixels
 from support.frames import path_traced_runs
 from support.seeded_bugs import Bug, Measurement, Rule, bug_tests, require
 from support.statistics import compare_picture

@@ -9,8 +9,8 @@ from unittest import mock
 
 import numpy as np
 import pytest
-from oracles.cameras import camera_rays
 from oracles.light import ALBEDO, environment_irradiance, environment_radiance, floor_scene
+from oracles.rays import camera_rays
 from support.frames import (
     GBUFFER,
     LIGHT_OFF,

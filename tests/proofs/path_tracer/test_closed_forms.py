@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from oracles import brdf
-from oracles.cameras import over_pixels
 from oracles.light import LAMP_CORNERS, LAMP_RADIANCE, floor_scene, lamp_above, on_lamp
+from oracles.rays import over_pixels
 from support.frames import path_traced_runs
 from support.seeded_bugs import LOBES_ADDED, Bug, bug_tests, seeded
 from support.statistics import assert_equal, compare

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from oracles.cameras import camera_rays
-from oracles.rays import World
+from oracles.rays import World, camera_rays
 from support.frames import each_lighting, make_renderer, snapshot
 
 import solari_vk as sv

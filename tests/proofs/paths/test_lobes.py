@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from oracles.cameras import camera_rays
+from oracles.rays import camera_rays
 from support.frames import (
     JITTER_PERIOD,
     PATHS,

@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
-from oracles.cameras import camera_rays
+from oracles.rays import camera_rays
 from support.frames import (
     GBUFFER,
     SMALL,
