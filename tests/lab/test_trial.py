@@ -23,15 +23,15 @@ from support.files import GltfWriter
 
 import solari_vk as sv
 from solari_vk.base.errors import SolariError
-from solari_vk.lab.cli.trial import TrialJob, _subjects
+from solari_vk.lab.cli.trial import TrialJob, _scenes
 from solari_vk.lab.trial import compare as trial_compare
-from solari_vk.lab.trial import process, subject, translation
+from solari_vk.lab.trial import process, scene_files, translation
 from solari_vk.lab.trial.compare import Comparison, Goal, Result, distance
 from solari_vk.lab.trial.differences import DIFFERENCES, that_apply
 from solari_vk.lab.trial.page import Page, error_map
 from solari_vk.lab.trial.process import KINDS, OURS, Kind, Process, Render
 from solari_vk.lab.trial.run import Plan, pythons_of, run
-from solari_vk.lab.trial.subject import Conditions, Subject
+from solari_vk.lab.trial.scene_files import Conditions, TrialScene
 from solari_vk.scene.animation.clip import Animation
 from solari_vk.scene.animation.keyframes import Channel
 from solari_vk.scene.animation.rig import Rig
@@ -101,7 +101,7 @@ def fakes(tmp_path, monkeypatch):
             text = FAKE.format(**({"loading": "pass", "rendering": "pass", "level": level} | code))
             (tmp_path / f"{kind}.py").write_text(text)
         scene = sv.load(floor(tmp_path / "floor.glb"))
-        given = [Subject("floor", tmp_path / "floor.glb", scene, scene.camera), ("bad", SolariError("bad.glb: no"))]
+        given = [TrialScene("floor", tmp_path / "floor.glb", scene, scene.camera), ("bad", SolariError("bad.glb: no"))]
         run(
             iter(given),
             ("cycles", "mitsuba"),
@@ -200,7 +200,7 @@ def test_scenes_have_names_of_their_own_and_no_floor(tmp_path):
     (tmp_path / "other").mkdir()
     (tmp_path / "bad.glb").write_bytes(b"glTF")
     files = floor(tmp_path / "floor.glb"), floor(tmp_path / "other/floor.glb"), tmp_path / "bad.glb"
-    first, second, (name, error) = _subjects(TrialJob(files=files, output=tmp_path, size=SIZE))
+    first, second, (name, error) = _scenes(TrialJob(files=files, output=tmp_path, size=SIZE))
     assert (first.name, second.name, name) == ("floor", "floor-2", "bad")
     assert "bad.glb" in str(error)
     assert len(first.scene.instances) == 1
@@ -307,7 +307,7 @@ def test_cameras_with_a_lens_are_refused(tmp_path):
     scene = sv.load(floor(tmp_path / "floor.glb"))
     for camera in (sv.Camera(aperture=0.1), sv.Camera(principal_point=(0.6, 0.5))):
         with pytest.raises(SolariError, match=r"floor\.glb: the trial has perspective and orthographic cameras"):
-            subject.write(Subject("floor", tmp_path / "floor.glb", scene, camera), Conditions(SIZE), tmp_path)
+            scene_files.write(TrialScene("floor", tmp_path / "floor.glb", scene, camera), Conditions(SIZE), tmp_path)
 
 
 def test_differences_name_those_that_apply():
@@ -316,7 +316,7 @@ def test_differences_name_those_that_apply():
     glass = sv.Material(transmission=1, solid=True, attenuation_color=0.5, sheen_color=1, unlit=False)
     plain.instances[0].material = glass
     plain.add(sv.SpotLight((0, 1, 0), direction=(0, -1, 0), range=2.0))
-    assert {(d.judge, d.what) for d in that_apply(plain)} == {
+    assert {(d.renderer, d.what) for d in that_apply(plain)} == {
         ("cycles", "colored glass"),
         ("cycles", "sheen"),
         ("mitsuba", "rough glass"),
@@ -331,8 +331,8 @@ def test_differences_name_those_that_apply():
     }
     textured = sv.Material(metallic=1, metallic_roughness_texture=np.zeros((1, 1, 3), np.uint8))
     plain.instances[0].material = textured  # not a metal everywhere
-    assert ("cycles", "layering") in {(d.judge, d.what) for d in that_apply(plain)}
-    assert all(difference.judge in {*KINDS, "all"} for difference in DIFFERENCES)
+    assert ("cycles", "layering") in {(d.renderer, d.what) for d in that_apply(plain)}
+    assert all(difference.renderer in {*KINDS, "all"} for difference in DIFFERENCES)
 
 
 @pytest.mark.parametrize(("parts", "named"), [((1, 1), False), ((-1, -1), False), ((1, -1), True), ((1, 0), False)])
@@ -400,22 +400,22 @@ def test_the_guide_has_all_differences():
     guide = (Path(__file__).parents[2] / "docs/guides/trial.md").read_text()
     rows = {tuple(cell.strip() for cell in line.strip("|").split("|")) for line in guide.splitlines() if "|" in line}
     titles = {name: kind.title for name, kind in KINDS.items()} | {"all": "all"}
-    assert {(titles[d.judge], d.what, d.why) for d in DIFFERENCES} <= rows
+    assert {(titles[d.renderer], d.what, d.why) for d in DIFFERENCES} <= rows
 
 
 # ---- real renderers ---------------------------------------------------------------------------------
 
 
 @pytest.fixture(params=["cycles", "mitsuba", "luxcore"])
-def judge(request, tmp_path):
-    """Renders by a renderer that is installed: judge(scene, camera, samples), the picture."""
+def renderer(request, tmp_path):
+    """Renders by a renderer that is installed: renderer(scene, camera, samples), the picture."""
     why = KINDS[request.param].missing(PYTHON)
     if why:
         pytest.skip(f"{request.param}: {why}")
     file = floor(tmp_path / "floor.glb")
 
     def render(scene, camera, samples=4):
-        subject.write(Subject("floor", file, scene, camera), Conditions(SIZE), tmp_path)
+        scene_files.write(TrialScene("floor", file, scene, camera), Conditions(SIZE), tmp_path)
         process = Process(request.param, tmp_path, 120, PYTHON)
         try:
             return process.render(samples, 1).picture
@@ -430,26 +430,26 @@ def judge(request, tmp_path):
     "turn",
     [pytest.param(0.0, id="as it is", marks=pytest.mark.slow), pytest.param(rotation((1, 2, 3), 1.1), id="turned")],
 )
-def test_environments_have_our_directions(judge, turn):
+def test_environments_have_our_directions(renderer, turn):
     """Three bright texels, each before a camera that looks there."""
     texels, toward = np.zeros((8, 16, 3), np.float32), directions(8, 16)
     places = [(2, 3), (5, 9), (3, 13)]
     for channel, place in enumerate(places):
         texels[place][channel] = 3
-    scene = sv.load(judge.file)
+    scene = sv.load(renderer.file)
     scene.environment = sv.Environment(texels, rotation=turn, intensity=2.0)
     for channel, place in enumerate(places):
         look = 5000 * (scene.environment.rotation @ toward[place])  # from afar the floor is small
-        seen = judge(scene, sv.Camera.look_at(look, 2 * look, vertical_fov=0.02)).mean(axis=(0, 1))
+        seen = renderer(scene, sv.Camera.look_at(look, 2 * look, vertical_fov=0.02)).mean(axis=(0, 1))
         assert seen == pytest.approx(6 * np.eye(3)[channel], abs=0.3)
 
 
-def test_pictures_lie_where_ours_do(judge):
+def test_pictures_lie_where_ours_do(renderer):
     """The middle of a floor, which is darker than what surrounds it, seen from above."""
-    scene = sv.load(judge.file)
+    scene = sv.load(renderer.file)
     scene.environment = sv.Environment(1.0)
     above = sv.Camera.look_at((0.3, 10, 0.5), (0.3, 0, 0.5), up=(0, 0, -1), vertical_fov=0.7)
-    seen = 1 - judge(scene, above, 64)[..., 0]
+    seen = 1 - renderer(scene, above, 64)[..., 0]
     rows, columns = np.mgrid[:16, :24] + 0.5
     middle = [(seen * places).sum() / seen.sum() for places in (rows, columns)]
     pixels_of_meter = 16 / (20 * np.tan(0.35))
@@ -466,36 +466,36 @@ def test_pictures_lie_where_ours_do(judge):
     ],
     ids=["point", "sphere", "spot", "sun"],
 )
-def test_lights_have_our_units(judge, light, illuminance):
+def test_lights_have_our_units(renderer, light, illuminance):
     """Below a lamp a floor with an albedo of 0.5 has the radiance 0.5 E / pi."""
-    scene = sv.load(judge.file)
+    scene = sv.load(renderer.file)
     scene.add(light)
-    seen = judge(scene, sv.Camera.look_at((0, 1, 1), (0, 0, 0), vertical_fov=0.02), samples=16).mean(axis=(0, 1))
+    seen = renderer(scene, sv.Camera.look_at((0, 1, 1), (0, 0, 0), vertical_fov=0.02), samples=16).mean(axis=(0, 1))
     assert seen == pytest.approx(0.5 * illuminance / np.pi * light.color, rel=0.01)
 
 
 @pytest.mark.parametrize("both", [False, True])
-def test_lamps_shine_on_their_sides(judge, both):
+def test_lamps_shine_on_their_sides(renderer, both):
     """A panel of radiance 1, seen from above, where it shines, and from below, in no other light."""
     writer, shining = GltfWriter(), {"emissiveFactor": [1, 1, 1], "doubleSided": both}
     quad(writer, [[-1, 0, 1], [1, 0, 1], [1, 0, -1], [-1, 0, -1]], (0, 0, 0), **shining)
-    scene = sv.load(writer.save(judge.file))
+    scene = sv.load(writer.save(renderer.file))
     for height in (1, -1):
-        seen = judge(scene, sv.Camera.look_at((0, height, 0), (0, 0, 0), up=(0, 0, 1), vertical_fov=0.2))
+        seen = renderer(scene, sv.Camera.look_at((0, height, 0), (0, 0, 0), up=(0, 0, 1), vertical_fov=0.2))
         assert seen == pytest.approx(1.0 if both else max(height, 0), rel=1e-3)
 
 
-def test_cycles_has_what_gltf_says(judge):
+def test_cycles_has_what_gltf_says(renderer):
     """Where Blender's importer differs: the curve of a spotlight, unlit surfaces, absorption, and the middle between a
     black and a white texel."""
-    if judge.name != "cycles":
+    if renderer.name != "cycles":
         pytest.skip("the importer is Blender's")
-    scene, angle = sv.load(judge.file), 0.4
+    scene, angle = sv.load(renderer.file), 0.4
     scene.add(sv.SpotLight((0, 2, 0), direction=(0, -1, 0), intensity=20, inner_cone_angle=0.1, outer_cone_angle=0.6))
     outer, inner = math.cos(0.6), math.cos(0.1)
     expected = 0.5 / np.pi * 5 * math.cos(angle) ** 3 * ((math.cos(angle) - outer) / (inner - outer)) ** 2
     at = np.array((2 * math.tan(angle), 0, 0))
-    seen = judge(scene, sv.Camera.look_at(at + np.array((0, 1, 1)), at, vertical_fov=0.02), 16)
+    seen = renderer(scene, sv.Camera.look_at(at + np.array((0, 1, 1)), at, vertical_fov=0.02), 16)
     assert seen.mean() == pytest.approx(expected, rel=0.01)
 
     pixels = np.zeros((2, 2, 3), np.uint8)
@@ -508,27 +508,27 @@ def test_cycles_has_what_gltf_says(judge):
         (square, sv.Material(**black, emissive=1, emissive_texture=pixels), 0.5),
         (sv.shapes.box((-1, -1, -1), (1, 0, 1)), clear, 0.3**0.5),
     ):
-        sv.Scene(sv.Instance(mesh, material)).save(judge.file)
-        scene = sv.load(judge.file)
+        sv.Scene(sv.Instance(mesh, material)).save(renderer.file)
+        scene = sv.load(renderer.file)
         scene.environment = sv.Environment(1.0)
-        seen = judge(scene, sv.Camera.look_at((0, 1, 0), (0, 0, 0), up=(0, 0, -1), vertical_fov=0.02), 64)
+        seen = renderer(scene, sv.Camera.look_at((0, 1, 0), (0, 0, 0), up=(0, 0, -1), vertical_fov=0.02), 64)
         assert seen.mean() == pytest.approx(radiance, rel=0.02)
 
 
-def test_dielectrics_reflect_by_fresnel_or_schlick(judge):
+def test_dielectrics_reflect_by_fresnel_or_schlick(renderer):
     """A smooth black floor in uniform light at 55 degrees, where both differ most: see differences.py."""
     writer, angle = GltfWriter(), math.radians(55)
     base = {"baseColorFactor": [0, 0, 0, 1], "metallicFactor": 0, "roughnessFactor": 0}
     black = writer.add("materials", pbrMetallicRoughness=base)
     corners, uvs = [[-2, 0, 2], [2, 0, 2], [2, 0, -2], [-2, 0, -2]], [[0, 1], [1, 1], [1, 0], [0, 0]]
     writer.node(mesh=writer.mesh({"POSITION": corners, "TEXCOORD_0": uvs}, [0, 1, 2, 0, 2, 3], material=black))
-    scene = sv.load(writer.save(judge.file))
+    scene = sv.load(writer.save(renderer.file))
     scene.environment = sv.Environment(1.0)
-    seen = judge(scene, sv.Camera.look_at((0, math.cos(angle), math.sin(angle)), (0, 0, 0), vertical_fov=0.02), 64)
-    assert seen.mean() == pytest.approx(0.0535 if judge.name == "luxcore" else 0.0697, rel=0.02)
+    seen = renderer(scene, sv.Camera.look_at((0, math.cos(angle), math.sin(angle)), (0, 0, 0), vertical_fov=0.02), 64)
+    assert seen.mean() == pytest.approx(0.0535 if renderer.name == "luxcore" else 0.0697, rel=0.02)
 
 
-def test_mitsuba_takes_every_kind_of_material(judge):
+def test_mitsuba_takes_every_kind_of_material(renderer):
     """Cycles takes them from the file."""
     pixels = np.full((2, 2, 4), 128, np.uint8)
     kinds = [
@@ -538,26 +538,26 @@ def test_mitsuba_takes_every_kind_of_material(judge):
         {"emissive": 3, "emissive_texture": pixels}, {"normal_texture": pixels, "metallic_roughness_texture": pixels},
         {"unlit": True}, {"specular": 0, "base_color_texture": pixels}, {"ior": 1.0}, {"metallic": 1, "roughness": 0},
     ]  # fmt: skip
-    scene, camera = sv.load(judge.file), sv.Camera.look_at((0, 3, 3), (0, 0, 0))
+    scene, camera = sv.load(renderer.file), sv.Camera.look_at((0, 3, 3), (0, 0, 0))
     mesh = sv.Mesh(np.eye(3), normals=np.eye(3), uvs=np.eye(3)[:, :2], colors=np.eye(3))
     for index, fields in enumerate(kinds):
         scene.add(mesh, sv.Material(**fields), np.array((index / 5 - 1, 0, 0)))
     scene.environment = sv.Environment(1.0)
-    assert judge(scene, camera).mean() > 0.1
+    assert renderer(scene, camera).mean() > 0.1
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("orthographic_height", [0, 2.2])
 def test_a_diffuse_box_is_the_same_in_all_renderers(tmp_path, any_device, orthographic_height):
-    judges = [name for name in KINDS if name != OURS and not KINDS[name].missing(PYTHON)]
-    if not judges:
+    others = [name for name in KINDS if name != OURS and not KINDS[name].missing(PYTHON)]
+    if not others:
         pytest.skip("no other renderer is installed")
     file = diffuse_box(tmp_path / "box.glb")
     scene = sv.load(file)
     scene.cameras[0].update(orthographic_height=orthographic_height)
     run(
-        iter([Subject("box", file, scene, scene.cameras[0])]),
-        judges,
+        iter([TrialScene("box", file, scene, scene.cameras[0])]),
+        others,
         Plan(512, (), 600),
         Conditions((96, 96)),
         pythons_of((), PYTHON),
@@ -565,7 +565,7 @@ def test_a_diffuse_box_is_the_same_in_all_renderers(tmp_path, any_device, orthog
     )
     found = json.loads((tmp_path / "page/trial.json").read_text())["scenes"]["box"]
     assert not found["failures"]
-    assert {tuple(row["pair"]) for row in found["distances"]} >= {(OURS, name) for name in judges}
+    assert {tuple(row["pair"]) for row in found["distances"]} >= {(OURS, name) for name in others}
     for row in found["distances"]:
         assert row["ratio"] == pytest.approx([1, 1, 1], abs=0.005), row
         assert row["relative_mse"] < 1e-3, row

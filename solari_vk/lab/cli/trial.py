@@ -15,7 +15,7 @@ from solari_vk.cli.jobs import DeviceOptions, SceneOptions
 from solari_vk.cli.options import count, factor, option, positive, size, words
 
 if TYPE_CHECKING:
-    from solari_vk.lab.trial.subject import Subject
+    from solari_vk.lab.trial.scene_files import TrialScene
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -82,22 +82,22 @@ def run(job: TrialJob) -> int:
     from solari_vk.lab.trial.compare import Goal
     from solari_vk.lab.trial.run import Plan, pythons_of
     from solari_vk.lab.trial.run import run as measure
-    from solari_vk.lab.trial.subject import Conditions
+    from solari_vk.lab.trial.scene_files import Conditions
 
     if job.markdown is not None:
         check_writable(job.markdown)
     plan = Plan(job.samples, [] if job.error is None else [Goal(job.error)], job.time_limit)
     conditions = Conditions(job.size, job.max_bounces, job.device, job.rays)
     pythons = pythons_of(job.python, os.environ.get("SOLARI_VK_TRIAL_PYTHON", sys.executable))
-    measure(_subjects(job), job.against, plan, conditions, pythons, job.output, job.markdown)
+    measure(_scenes(job), job.against, plan, conditions, pythons, job.output, job.markdown)
     print(f"wrote {job.output / 'index.html'}")
     return 0
 
 
-def _subjects(job: TrialJob) -> Iterator[Subject | tuple[str, SolariError]]:
+def _scenes(job: TrialJob) -> Iterator[TrialScene | tuple[str, SolariError]]:
     """The scenes, each with a name of its own; for one that can't be loaded its name and the error."""
     from solari_vk.cli.loading import load_scene
-    from solari_vk.lab.trial.subject import Subject
+    from solari_vk.lab.trial.scene_files import TrialScene
 
     names: set[str] = set()
     for file in job.files:
@@ -112,4 +112,4 @@ def _subjects(job: TrialJob) -> Iterator[Subject | tuple[str, SolariError]]:
             continue
         if found.scene.backdrop is not None:
             found.scene.remove(found.scene.backdrop)
-        yield Subject(name, file, found.scene, found.cameras[0])
+        yield TrialScene(name, file, found.scene, found.cameras[0])

@@ -12,11 +12,11 @@ from pathlib import Path
 from solari_vk.base.errors import SolariError
 from solari_vk.base.files import make_temporary_folder
 from solari_vk.lab.measure.report import measuring
-from solari_vk.lab.trial import subject as subjects
+from solari_vk.lab.trial import scene_files
 from solari_vk.lab.trial.compare import Comparison, Goal, Result, compare
 from solari_vk.lab.trial.process import CHILD, KINDS, OURS, Failure, Kind, Process
 from solari_vk.lab.trial.run import present, pythons_of
-from solari_vk.lab.trial.subject import Conditions, Subject
+from solari_vk.lab.trial.scene_files import Conditions, TrialScene
 from solari_vk.scene.builtin import builtin
 
 SCENES = ("cornell_box", "many_lights", "sphere_grid", "mirror_hall", "shiny_floor", "lamp_gap")
@@ -71,7 +71,7 @@ def run(
                 scene = builtin(name)
                 file = folder / "scene.glb"
                 scene.save(file)
-                subjects.write(Subject(name, file, scene, scene.camera), conditions, folder)
+                scene_files.write(TrialScene(name, file, scene, scene.camera), conditions, folder)
                 found = compare(start, samples, (COARSE, FINE, DENOISED), report.progress)
                 if OURS not in found.results:
                     raise SolariError(f"bench cpu: {name}: {found.failures[OURS]}")

@@ -15,7 +15,7 @@ import numpy as np
 from solari_vk.lab.trial.process import KINDS, OURS, Failure, Picture, Process, Render
 from solari_vk.output.compare import flip, squared_scale, true_relative_mse
 
-SEEDS_OF_PICTURES = 1, 2  # of the two halves; others are for the times
+SEEDS_OF_PICTURES = (1, 2)  # of the two halves; others are for the times
 REPETITIONS = 3
 
 
@@ -133,88 +133,100 @@ def compare(
     start: Mapping[str, Callable[[], Process]], samples: int, goals: Sequence[Goal], progress: Callable[[str], None]
 ) -> Comparison:
     """Start renderers, render a picture of each, and measure the times to the goals."""
-    found = Comparison()
-    processes: dict[str, Process] = {}
-
-    def attempt(name: str, work: Callable[[], Any]) -> Any:
-        try:
-            return work()
-        except Failure as failure:
-            found.failures[name] = str(failure)
-            progress(f"{name}: {failure}")
-            if name in processes:
-                processes.pop(name).close()
-            return None
-
+    running = _Running(progress)
     try:
         for name, begin in start.items():
-            progress(f"{name}: loading")
-            if (process := attempt(name, begin)) is not None:
-                processes[name] = process
-        halves: dict[str, list[Render]] = {name: [] for name in processes}
+            running.start(name, begin)
+        running.render_halves(math.ceil(samples / 2))
+        for goal in goals:
+            running.measure_times(goal, samples)
+    finally:
+        running.close()
+    return running.found
+
+
+class _Running:
+    """The processes of renderers, and what they have made so far. One that fails is ended, and asked no more."""
+
+    def __init__(self, progress: Callable[[str], None]) -> None:
+        self.found = Comparison()
+        self._processes: dict[str, Process] = {}
+        self._progress = progress
+
+    def start(self, name: str, begin: Callable[[], Process]) -> None:
+        self._progress(f"{name}: loading")
+        try:
+            self._processes[name] = begin()
+        except Failure as failure:
+            self._end(name, failure)
+
+    def close(self) -> None:
+        for process in self._processes.values():
+            process.close()
+
+    def _end(self, name: str, failure: Failure) -> None:
+        self.found.failures[name] = str(failure)
+        self._progress(f"{name}: {failure}")
+        if name in self._processes:
+            self._processes.pop(name).close()
+
+    def _render(self, name: str, samples: int, seed: int, denoise: bool = False) -> list[Render]:
+        """A picture, or nothing if the renderer has failed, now or before."""
+        if name not in self._processes:
+            return []
+        try:
+            return [self._processes[name].render(samples, seed, denoise)]
+        except Failure as failure:
+            self._end(name, failure)
+            return []
+
+    def render_halves(self, samples: int) -> None:
+        """The two pictures of each renderer whose mean is its result."""
+        halves: dict[str, list[Render]] = {name: [] for name in self._processes}
         for seed in SEEDS_OF_PICTURES:
-            for name in list(processes):
-                progress(f"{name}: {math.ceil(samples / 2)} samples")
-                half = attempt(name, lambda: processes[name].render(math.ceil(samples / 2), seed))  # noqa: B023
-                halves[name] += [] if half is None else [half]
+            for name in list(self._processes):
+                self._progress(f"{name}: {samples} samples")
+                halves[name] += self._render(name, samples, seed)
         for name, pair in halves.items():
             if len(pair) == len(SEEDS_OF_PICTURES):
-                found.results[name] = Result(pair, processes[name].loading)
-        for goal in goals:
-            _measure_times(found, processes, samples, goal, attempt, progress)
-    finally:
-        for process in processes.values():
-            process.close()
-    return found
+                self.found.results[name] = Result(pair, self._processes[name].loading)
 
+    def measure_times(self, goal: Goal, most_samples: int) -> None:
+        """Double the samples of each renderer until its error is small enough; renderers take turns."""
+        seed = SEEDS_OF_PICTURES[-1]
+        count = min((self._least_samples(name, goal) for name in self._processes), default=1)
+        while count <= most_samples:
+            waiting = [name for name in self._processes if self._is_waiting(name, goal)]
+            if not waiting:
+                return
+            kind = " denoised" if goal.denoised else ""
+            self._progress(f"{', '.join(waiting)}: time to a relMSE of {goal.error:g}{kind}, {count} samples")
+            renders: dict[str, list[Render]] = {name: [] for name in waiting}
+            for _ in range(REPETITIONS):
+                seed += 1
+                for name in waiting:
+                    renders[name] += self._render(name, count, seed, goal.denoised)
+            for name, done in renders.items():
+                if name in self._processes:
+                    self._record_if_reached(name, goal, count, done)
+            count *= 2
 
-def _measure_times(
-    found: Comparison,
-    processes: dict[str, Process],
-    samples: int,
-    goal: Goal,
-    attempt: Callable[[str, Callable[[], Any]], Any],
-    progress: Callable[[str], None],
-) -> None:
-    """Double the samples of each renderer until its error is small enough; renderers take turns."""
-    seed = SEEDS_OF_PICTURES[-1]
-    # A smaller error takes no fewer samples.
-    count = min(
-        (
-            max(
-                (
-                    reached.samples
-                    for other, reached in found.results[name].reached.items()
-                    if other.denoised == goal.denoised and other.error >= goal.error
-                ),
-                default=1,
-            )
-            for name in processes
-        ),
-        default=1,
-    )
-    while count <= samples:
-        waiting = [
-            name
-            for name in processes
-            if goal not in found.results[name].reached and (KINDS[name].denoises or not goal.denoised)
+    def _least_samples(self, name: str, goal: Goal) -> int:
+        """The samples from which on the goal can be reached: a smaller error takes no fewer than a larger one took."""
+        reached = self.found.results[name].reached.items()
+        counts = [
+            made.samples for other, made in reached if other.denoised == goal.denoised and other.error >= goal.error
         ]
-        if not waiting:
-            return
-        denoised = " denoised" * goal.denoised
-        progress(f"{', '.join(waiting)}: time to a relMSE of {goal.error:g}{denoised}, {count} samples")
-        renders: dict[str, list[Render]] = {name: [] for name in waiting}
-        for _ in range(REPETITIONS):
-            seed += 1
-            for name in [name for name in waiting if name in processes]:
-                done = attempt(name, lambda: processes[name].render(count, seed, goal.denoised))  # noqa: B023
-                renders[name] += [] if done is None else [done]
-        for name, done in renders.items():
-            if name in processes:
-                reached = median(found.results[name].error(render.picture) for render in done)
-                if reached <= goal.error:
-                    seconds, processor = (
-                        median(getattr(render, what) for render in done) for what in ("seconds", "processor_seconds")
-                    )
-                    found.results[name].reached[goal] = Reached(count, reached, seconds, processor)
-        count *= 2
+        return max(counts, default=1)
+
+    def _is_waiting(self, name: str, goal: Goal) -> bool:
+        can_reach = KINDS[name].denoises or not goal.denoised
+        return can_reach and goal not in self.found.results[name].reached
+
+    def _record_if_reached(self, name: str, goal: Goal, samples: int, renders: Sequence[Render]) -> None:
+        result = self.found.results[name]
+        error = median(result.error(render.picture) for render in renders)
+        if error <= goal.error:
+            seconds = median(render.seconds for render in renders)
+            processor_seconds = median(render.processor_seconds for render in renders)
+            result.reached[goal] = Reached(samples, error, seconds, processor_seconds)

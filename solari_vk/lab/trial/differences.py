@@ -20,7 +20,7 @@ from solari_vk.scene.model import Mesh, Scene
 class Difference:
     """Whose pictures differ from ours, why, and whether that is so in a scene. docs/guides/trial.md shows all."""
 
-    judge: str
+    renderer: str
     what: str
     why: str
     applies: Callable[[Scene], bool]
@@ -146,13 +146,13 @@ DIFFERENCES = (
     ),
     *(
         Difference(
-            judge,
+            renderer,
             "Fresnel",
             "a dielectric reflects by Fresnel's equations; ours by Schlick's approximation, as in glTF: "
             "7 % less of uniform light at an index of 1.5, a quarter less at 55 degrees, 6 % more at 85",
             _with(lambda m: _is_layered(m) and (m.metallic < 1 or m.metallic_roughness_texture)),
         )
-        for judge in ("cycles", "mitsuba")
+        for renderer in ("cycles", "mitsuba")
     ),
     Difference(
         "cycles",
@@ -175,7 +175,7 @@ DIFFERENCES = (
         "once: solids darken with their roughness",
         _with(lambda m: m.transmission > 0 and m.solid and m.perceptual_roughness > 0),
     ),
-    *(Difference(judge, *row) for judge in ("mitsuba", "luxcore") for row in TRANSLATED),
+    *(Difference(renderer, *row) for renderer in ("mitsuba", "luxcore") for row in TRANSLATED),
     Difference(
         "mitsuba",
         "suns",

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from solari_vk.base.files import make_folder, write_whole
 from solari_vk.lab.page import head, markdown_list, markdown_table, wrapped
-from solari_vk.lab.trial.compare import Comparison, Distance
+from solari_vk.lab.trial.compare import Comparison, Distance, Result
 from solari_vk.lab.trial.differences import Difference
 from solari_vk.lab.trial.process import KINDS, OURS, Picture
 from solari_vk.output.compare import squared_scale
@@ -40,17 +40,17 @@ INTRO = (
 )
 SUMMARY = "Distances are relMSE. The last columns are seconds of all processors to equal error."
 EXPLAINED = "[The guide](../guides/trial.md#differences-that-are-explained) has the reasons."
-RENDERERS, DISTANCES = (
-    ("scene", "renderer", "mean R G B", "noise", "loading s", "seconds", "processor s", "to equal error"),
-    ("scene", "pair", "relMSE", "FLIP", "R G B ratio"),
-)
+RENDERERS = ("scene", "renderer", "mean R G B", "noise", "loading s", "seconds", "processor s", "to equal error")
+DISTANCES = ("scene", "pair", "relMSE", "FLIP", "R G B ratio")
 
 
 class Page:
     """Writes the page of a trial into a folder, again after each scene. absent: why renderers are left out."""
 
     def __init__(self, folder: Path, facts: Mapping[str, str], absent: Mapping[str, str]) -> None:
-        self._folder, self._facts, self._absent = folder, dict(facts), dict(absent)
+        self._folder = folder
+        self._facts = dict(facts)
+        self._absent = dict(absent)
         self._scenes: list[tuple[str, Comparison, Sequence[Difference]]] = []
         make_folder(folder)
 
@@ -77,7 +77,7 @@ class Page:
                     "renderers": {renderer: result.facts() for renderer, result in found.results.items()},
                     "failures": found.failures,
                     "distances": [{"pair": pair, **_finite(asdict(far))} for pair, far in found.distances.items()],
-                    "explained": [f"{difference.judge}: {difference.what}" for difference in known],
+                    "explained": [f"{difference.renderer}: {difference.what}" for difference in known],
                 }
                 for name, found, known in self._scenes
             },
@@ -87,16 +87,13 @@ class Page:
         """The cells below RENDERERS and below DISTANCES of a scene."""
         renderers = []
         for renderer, result in found.results.items():
-            facts, reached = result.facts(), result.time
+            facts = result.facts()
+            reached = result.time
             spent = [f"{facts[key]:.2f}" for key in ("loading", "seconds", "processor_seconds")]
-            time = (
-                ""
-                if reached is None
-                else (
-                    f"{reached.seconds:.2f} s, {reached.processor_seconds:.2f} s of "
-                    f"processors, {reached.samples} samples"
-                )
-            )
+            time = ""
+            if reached is not None:
+                processors = f"{reached.processor_seconds:.2f} s of processors"
+                time = f"{reached.seconds:.2f} s, {processors}, {reached.samples} samples"
             mean = " ".join(f"{value:.4g}" for value in facts["mean"])
             renderers.append([name, KINDS[renderer].title, mean, f"{facts['noise']:.2g}", *spent, time])
         distances = [
@@ -111,24 +108,16 @@ class Page:
         if OURS not in present or len(present) < 2:
             return "", [], []
         first, *others = present[1:]
-        farther, rows = [], []
-        for name, found, _ in self._scenes:
-            far = {frozenset(pair): distance for pair, distance in found.distances.items()}
-            apart = [far.get(frozenset((renderer, first))) for renderer in (OURS, *others)]
-            times = [found.results[renderer].time if renderer in found.results else None for renderer in present]
-            known = [distance.relative_mse for distance in apart if distance is not None]
-            ours = apart[0]
-            farther += [name] if ours is None or len(known) < 2 or ours.relative_mse > min(known) else []
-            rows.append(
-                [
-                    name,
-                    *("" if distance is None else f"{distance.relative_mse:.2g}" for distance in apart),
-                    "" if ours is None else _cells(ours)[2],
-                    *("" if time is None else f"{time.processor_seconds:.2f}" for time in times),
-                ]
-            )
-        pairs = [f"{KINDS[renderer].title} / {KINDS[first].title}" for renderer in (OURS, *others)]
+        compared = (OURS, *others)
+        pairs = [f"{KINDS[renderer].title} / {KINDS[first].title}" for renderer in compared]
         columns = ["scene", *pairs, f"R G B, {pairs[0]}", *(f"{KINDS[renderer].title}, s" for renderer in present)]
+        rows = []
+        farther = []
+        for name, found, _ in self._scenes:
+            distances = _distances_to(first, compared, found)
+            rows.append([name, *_summary_cells(distances, [found.results.get(renderer) for renderer in present])])
+            if not _is_nearest(distances):
+                farther.append(name)
         if not others:
             return "", columns, rows
         but = f", but not in {', '.join(farther)}" if farther else ""
@@ -205,6 +194,30 @@ class Page:
         return "\n".join(lines) + "\n"
 
 
+def _distances_to(first: str, renderers: Sequence[str], found: Comparison) -> list[Distance | None]:
+    """The distances of renderers to the first one; None where one of both has no picture."""
+    by_pair = {frozenset(pair): distance for pair, distance in found.distances.items()}
+    return [by_pair.get(frozenset((renderer, first))) for renderer in renderers]
+
+
+def _is_nearest(distances: Sequence[Distance | None]) -> bool:
+    """Whether the first distance, which is ours, is known, and none of the others is smaller; there must be another."""
+    ours, *others = distances
+    known = [other.relative_mse for other in others if other is not None]
+    return ours is not None and bool(known) and ours.relative_mse <= min(known)
+
+
+def _summary_cells(distances: Sequence[Distance | None], results: Sequence[Result | None]) -> list[str]:
+    """The cells of a scene: distances, the ratio of means of the first of them, and the processors' seconds."""
+    ours = distances[0]
+    times = [None if result is None else result.time for result in results]
+    return [
+        *("" if distance is None else f"{distance.relative_mse:.2g}" for distance in distances),
+        "" if ours is None else _cells(ours)[2],
+        *("" if time is None else f"{time.processor_seconds:.2f}" for time in times),
+    ]
+
+
 def error_map(first: Picture, second: Picture) -> NDArray[np.uint8]:
     """Codes (height, width, 3): white where both are equal, red where the first is brighter, else blue."""
     luminances = [picture.mean(axis=2, keepdims=True) for picture in (first, second)]
@@ -233,15 +246,20 @@ def _failures(found: Comparison) -> list[str]:
 
 
 def _explained(known: Sequence[Difference]) -> list[str]:
-    return [f"explained, {KINDS[d.judge].title if d.judge in KINDS else d.judge}: {d.what}: {d.why}" for d in known]
+    return [f"explained, {_title(difference)}: {difference.what}: {difference.why}" for difference in known]
+
+
+def _title(difference: Difference) -> str:
+    """The renderer's title, or "all"."""
+    return KINDS[difference.renderer].title if difference.renderer in KINDS else difference.renderer
 
 
 def _named(known: Sequence[Difference]) -> list[str]:
     """The differences that are explained, by renderer."""
     found: dict[str, list[str]] = {}
     for difference in known:
-        found.setdefault(difference.judge, []).append(difference.what)
-    return [f"{KINDS[name].title if name in KINDS else name}: {', '.join(what)}" for name, what in found.items()]
+        found.setdefault(_title(difference), []).append(difference.what)
+    return [f"{title}: {', '.join(what)}" for title, what in found.items()]
 
 
 def _list(items: Sequence[str], kind: str = "") -> str:

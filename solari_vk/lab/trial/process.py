@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-CHILD = Path(__file__).parent / "judges" / "child.py"
+CHILD = Path(__file__).parent / "renderers" / "child.py"
 PACKAGES = Path(__file__).parents[3]  # where solari_vk is
 
 
@@ -82,7 +82,9 @@ class Process:
         kinds: Mapping[str, Kind] = KINDS,
         child: Path = CHILD,
     ) -> None:
-        self._folder, self._limit, self._name = folder, limit, name
+        self._name = name
+        self._folder = folder
+        self._limit = limit
         self._log = folder / f"{name}.log"
         environment = dict(os.environ)
         if kinds[name].package == OURS:
@@ -95,7 +97,7 @@ class Process:
                 stderr=log,
                 text=True,
                 env=environment,
-                start_new_session=True,
+                start_new_session=True,  # Ctrl-C is for the parent, which ends its children
             )
         self._answers: queue.Queue[str] = queue.Queue()
         threading.Thread(target=self._listen, daemon=True).start()
@@ -120,7 +122,7 @@ class Process:
             asked = {"samples": samples, "seed": seed, "denoise": denoise, "output": str(output)}
             self._child.stdin.write(json.dumps(asked) + "\n")
             self._child.stdin.flush()
-        found = self._answer(f"at {samples} sample{'s' * (samples != 1)}")
+        found = self._answer("at 1 sample" if samples == 1 else f"at {samples} samples")
         picture = np.load(output).astype(np.float64)
         if not np.isfinite(picture).all():
             raise Failure(f"its picture has values that aren't finite, at {samples} samples")

@@ -14,12 +14,12 @@ import numpy as np
 from solari_vk.base.errors import SolariError, unknown_name
 from solari_vk.base.files import make_folder, make_temporary_folder, write_whole
 from solari_vk.lab.page import host_load, run_facts
-from solari_vk.lab.trial import subject as subjects
+from solari_vk.lab.trial import scene_files
 from solari_vk.lab.trial.compare import Comparison, Goal, compare
 from solari_vk.lab.trial.differences import that_apply
 from solari_vk.lab.trial.page import Page
 from solari_vk.lab.trial.process import CHILD, KINDS, OURS, Process
-from solari_vk.lab.trial.subject import Conditions, Subject
+from solari_vk.lab.trial.scene_files import Conditions, TrialScene
 from solari_vk.output.tone_mapping import auto_exposure
 
 
@@ -46,20 +46,21 @@ def pythons_of(texts: Sequence[str], default: str) -> dict[str, str]:
     return found
 
 
-def present(judges: Sequence[str], pythons: Mapping[str, str]) -> tuple[list[str], dict[str, str]]:
+def present(others: Sequence[str], pythons: Mapping[str, str]) -> tuple[list[str], dict[str, str]]:
     """Ours and the others that can be used, and why the rest can't. Raises SolariError for unknown renderers."""
-    for name in judges:
+    for name in others:
         if name not in KINDS or name == OURS:
             raise unknown_name("--against: there is no renderer", name, [name for name in KINDS if name != OURS])
-    absent = {name: why for name in judges if (why := KINDS[name].missing(pythons[name]))}
+    reasons = {name: KINDS[name].missing(pythons[name]) for name in others}
+    absent = {name: reason for name, reason in reasons.items() if reason}
     for name, why in absent.items():
         print(f"{KINDS[name].title} is left out: {why}", flush=True)
-    return [OURS, *(name for name in judges if name not in absent)], absent
+    return [OURS, *(name for name in others if name not in absent)], absent
 
 
 def run(
-    given: Iterator[Subject | tuple[str, SolariError]],
-    judges: Sequence[str],
+    given: Iterator[TrialScene | tuple[str, SolariError]],
+    others: Sequence[str],
     plan: Plan,
     conditions: Conditions,
     pythons: Mapping[str, str],
@@ -67,11 +68,11 @@ def run(
     markdown: Path | None = None,
     child: Path = CHILD,
 ) -> Page:
-    """Measure all subjects and write the page after each; one that can't be loaded is its name and the error.
+    """Measure all scenes and write the page after each; one that can't be loaded is its name and the error.
 
     Raises SolariError for unknown renderers, and if the page can't be written.
     """
-    used, absent = present(judges, pythons)
+    used, absent = present(others, pythons)
     width, height = conditions.size
     facts = run_facts() | {
         "size": f"{width}x{height}, {plan.samples} samples, {conditions.max_bounces} bounces",
@@ -79,20 +80,21 @@ def run(
         "load of the host before": host_load(),
     }
     page = Page(folder, facts, absent)
-    for subject in given:
-        if isinstance(subject, Subject):
-            print(f"{subject.file}", flush=True)
-            found = measure(subject, used, plan, conditions, pythons, folder / subject.name, child)
-            page.add(subject.name, found, [d for d in that_apply(subject.scene) if d.judge in (*used, "all")])
+    for item in given:
+        if isinstance(item, TrialScene):
+            print(f"{item.file}", flush=True)
+            found = measure(item, used, plan, conditions, pythons, folder / item.name, child)
+            page.add(item.name, found, [d for d in that_apply(item.scene) if d.renderer in (*used, "all")])
         else:
-            page.add(subject[0], Comparison(failures={OURS: str(subject[1])}), ())
+            name, error = item
+            page.add(name, Comparison(failures={OURS: str(error)}), ())
         if markdown is not None:
             write_whole(markdown, page.markdown())
     return page
 
 
 def measure(
-    subject: Subject,
+    item: TrialScene,
     renderers: Sequence[str],
     plan: Plan,
     conditions: Conditions,
@@ -101,12 +103,12 @@ def measure(
     child: Path = CHILD,
     progress: Callable[[str], None] = lambda text: print(f"  {text}", flush=True),
 ) -> Comparison:
-    """Render a subject by all renderers; what they print stays in the folder, as NAME.log."""
+    """Render a scene by all renderers; what they print stays in the folder, as NAME.log."""
     make_folder(folder)
     work = make_temporary_folder()
     try:
         try:
-            subjects.write(subject, conditions, work)
+            scene_files.write(item, conditions, work)
         except SolariError as error:
             return Comparison(failures={OURS: str(error)})
         start = {name: partial(Process, name, work, plan.limit, pythons[name], child=child) for name in renderers}

@@ -1,4 +1,4 @@
-"""A scene's meshes and materials in the words of Mitsuba 3, as files: what judges/in_mitsuba.py and
+"""A scene's meshes and materials in the words of Mitsuba 3, as files: what renderers/in_mitsuba.py and
 in_luxcore.py read.
 
 What has no counterpart there is left out, and named by differences.py. Mitsuba's diffuse, dielectric, roughdielectric
@@ -102,7 +102,7 @@ class _Textures:
         self._written: dict[tuple[Any, ...], str] = {}
 
     def add(self, texture: Texture, kind: str, values: Any, *key: Any) -> dict[str, Any]:
-        """A texture as judges/in_mitsuba.py takes it. values: a function that gives (height, width, 1 or 3)."""
+        """A texture as renderers/in_mitsuba.py takes it. values: a function that gives (height, width, 1 or 3)."""
         name = self._written.setdefault((texture.image, kind, *key), f"texture{len(self._written)}.npy")
         if not (self.folder / name).exists():
             np.save(self.folder / name, np.ascontiguousarray(values(), np.float32))
@@ -159,40 +159,52 @@ def _surface(material: Material, textures: _Textures, colored: bool) -> dict[str
     color = textures.color(material.base_color_texture, material.base_color)
     if colored and material.base_color_texture is None:
         color = {"attribute": "vertex_color"}
-    is_rough = material.perceptual_roughness**2 > MIRROR_ROUGHNESS
     if material.transmission == 1 and material.transmission_texture is None and material.metallic == 0:
-        kind = "thindielectric" if not material.solid else "roughdielectric" if is_rough else "dielectric"
-        given = {"specular_transmittance": color, "int_ior": material.ior}
-        if kind == "roughdielectric":
-            given["alpha"] = material.perceptual_roughness**2
-        return {"type": kind, "parameters": given, "cauchy": cauchy_coefficient(material)}
-    if (
-        material.specular == 0
-        and material.metallic == 0
-        and not max(material.transmission, material.clearcoat, float(material.sheen_color.max()))
-    ):
+        return _glass(material, color)
+    layers = (material.specular, material.metallic, material.transmission, material.clearcoat)
+    if max(*layers, float(material.sheen_color.max())) == 0:
         return {"type": "diffuse", "parameters": {"reflectance": color}}
-    texture, root = material.metallic_roughness_texture, np.sqrt(_f0(material))
-    eta = float(max((1 + root) / (1 - root), LEAST_ETA))
+    return {"type": "principled", "parameters": _principled(material, textures, color)}
+
+
+def _glass(material: Material, color: Any) -> dict[str, Any]:
+    kind = "thindielectric"
+    parameters = {"specular_transmittance": color, "int_ior": material.ior}
+    if material.solid:
+        kind = "dielectric"
+        alpha = material.perceptual_roughness**2
+        if alpha > MIRROR_ROUGHNESS:
+            kind = "roughdielectric"
+            parameters["alpha"] = alpha
+    return {"type": kind, "parameters": parameters, "cauchy": cauchy_coefficient(material)}
+
+
+def _principled(material: Material, textures: _Textures, color: Any) -> dict[str, Any]:
+    """The parameters of Disney's model as Mitsuba has it."""
+    texture = material.metallic_roughness_texture
+    # The index of refraction whose reflection straight on is the material's: f0 = ((eta - 1) / (eta + 1))^2.
+    root = np.sqrt(_f0(material))
     parameters = {
         "base_color": color,
-        "eta": eta,
+        "eta": float(max((1 + root) / (1 - root), LEAST_ETA)),
         "roughness": textures.channel(texture, 1, material.perceptual_roughness),
         "metallic": textures.channel(texture, 2, material.metallic),
     }
     if material.transmission > 0:
-        parameters |= {"spec_trans": textures.channel(material.transmission_texture, 0, material.transmission)}
+        parameters["spec_trans"] = textures.channel(material.transmission_texture, 0, material.transmission)
     if material.clearcoat > 0:
-        parameters |= {
-            "clearcoat": textures.channel(material.clearcoat_texture, 0, material.clearcoat),
-            "clearcoat_gloss": 1 - material.clearcoat_roughness,
-        }
-    return {"type": "principled", "parameters": parameters}
+        parameters["clearcoat"] = textures.channel(material.clearcoat_texture, 0, material.clearcoat)
+        parameters["clearcoat_gloss"] = 1 - material.clearcoat_roughness
+    return parameters
 
 
 def cauchy_coefficient(material: Material) -> float:
     """By how much the index of refraction grows with one over the square of the wavelength, in square micrometers."""
-    return (material.ior - 1) * material.dispersion / 20 * 0.523655 if material.disperses else 0.0
+    if not material.disperses:
+        return 0.0
+    # KHR_materials_dispersion: dispersion / 20 is one over Abbe's number, (n_d - 1) / (n_F - n_C). Cauchy's equation
+    # n = A + B / wavelength^2 at the lines F (0.48613 um) and C (0.65627 um) gives B of about 0.523655 (n_F - n_C).
+    return (material.ior - 1) * material.dispersion / 20 * 0.523655
 
 
 def _f0(material: Material) -> float:

@@ -1,4 +1,4 @@
-"""What all renderers are given of a scene, as files in a folder: see judges/child.py."""
+"""What all renderers are given of a scene, as files in a folder: see renderers/child.py."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from solari_vk.scene.model import Camera, Scene
 
 
 @dataclass(frozen=True)
-class Subject:
+class TrialScene:
     """A scene of a glTF file, and the camera that looks at it. name: of its folder and of its part of the page."""
 
     name: str
@@ -42,17 +42,17 @@ class Conditions:
     rays: str | None = None
 
 
-def write(subject: Subject, conditions: Conditions, folder: Path) -> None:
-    """Write a subject's files. Raises SolariError for cameras that the other renderers aren't given."""
-    scene, camera = subject.scene, subject.camera
+def write(item: TrialScene, conditions: Conditions, folder: Path) -> None:
+    """Write the files of a scene. Raises SolariError for cameras that the other renderers aren't given."""
+    scene, camera = item.scene, item.camera
     if camera.aperture or camera.lens_fields():
         raise SolariError(
-            f"{subject.file}: the trial has perspective and orthographic cameras without a lens or an "
+            f"{item.file}: the trial has perspective and orthographic cameras without a lens or an "
             "offset: choose another --camera"
         )
     environment = scene.environment
     job = {
-        "file": str(subject.file.resolve()),
+        "file": str(item.file.resolve()),
         "size": conditions.size,
         "max_bounces": conditions.max_bounces,
         "device": conditions.device,
@@ -86,7 +86,8 @@ def described(light: Light) -> dict[str, Any]:
     """A light as JSON values: its kind, and its fields in the units of solari_vk."""
     if not isinstance(light, DirectionalLight | PunctualLight):
         raise SolariError(f"{light.describe()}: the other renderers have no such light")
-    kind = "directional" if isinstance(light, DirectionalLight) else "spot" if isinstance(light, SpotLight) else "point"
+    kinds = {DirectionalLight: "directional", SpotLight: "spot"}
+    kind = next((name for type_, name in kinds.items() if isinstance(light, type_)), "point")
     names = ("direction", "illuminance", "angular_diameter", "position", "intensity", "radius", "inner_cone_angle",
              "outer_cone_angle", "color")  # fmt: skip
     found = {name: getattr(light, name) for name in names if hasattr(light, name)}

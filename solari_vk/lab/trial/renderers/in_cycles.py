@@ -46,7 +46,9 @@ def load(job: dict[str, Any], folder: Path) -> Callable[[int, int], Any]:
 
     def render(samples: int, seed: int, denoise: bool = False) -> Any:
         scene.cycles.use_denoising = denoise
-        scene.cycles.samples, scene.cycles.seed, scene.render.filepath = samples, seed, str(file)
+        scene.cycles.samples = samples
+        scene.cycles.seed = seed
+        scene.render.filepath = str(file)
         bpy.ops.render.render(write_still=True)
         image = bpy.data.images.load(str(file))
         image.colorspace_settings.name = "Non-Color"
@@ -63,16 +65,12 @@ def still(file: Path, folder: Path) -> Path:
     """A glTF file, or a copy in the folder without its clips, of which Blender would show the first frame, and in which
     primitives without a material have glTF's default one, in place of Blender's."""
     data = file.read_bytes()
-    end = 20 + struct.unpack_from("<I", data, 12)[0] if data[:4] == b"glTF" else None
+    end = 20 + struct.unpack_from("<I", data, 12)[0] if data[:4] == b"glTF" else None  # of a .glb file's JSON
     content = json.loads(data if end is None else data[20:end])
-    primitives = [primitive for mesh in content.get("meshes", ()) for primitive in mesh["primitives"]]
-    plain = [primitive for primitive in primitives if "material" not in primitive]
-    if not content.pop("animations", None) and not plain:
+    has_clips = bool(content.pop("animations", None))
+    has_plain = _give_materials(content)
+    if not has_clips and not has_plain:
         return file
-    for primitive in plain:
-        primitive["material"] = len(content.get("materials", ()))
-    if plain:
-        content.setdefault("materials", []).append({})
     for entry in (*content.get("buffers", ()), *content.get("images", ())):
         if not entry.get("uri", "data:").startswith("data:"):
             entry["uri"] = quote(str(file.parent.resolve() / unquote(entry["uri"])))
@@ -81,10 +79,22 @@ def still(file: Path, folder: Path) -> Path:
     if end is None:
         copy.write_bytes(text)
         return copy
-    text += b" " * (-len(text) % 4)
+    text += b" " * (-len(text) % 4)  # chunks begin at multiples of 4 bytes
     head = struct.pack("<4sIIII", b"glTF", 2, 20 + len(text) + len(data) - end, len(text), 0x4E4F534A)
     copy.write_bytes(head + text + data[end:])
     return copy
+
+
+def _give_materials(content: dict[str, Any]) -> bool:
+    """Give primitives without a material glTF's default one; whether there were any."""
+    primitives = [primitive for mesh in content.get("meshes", ()) for primitive in mesh["primitives"]]
+    plain = [primitive for primitive in primitives if "material" not in primitive]
+    if plain:
+        materials = content.setdefault("materials", [])
+        for primitive in plain:
+            primitive["material"] = len(materials)
+        materials.append({})
+    return bool(plain)
 
 
 def _shine_on_the_front(material: Any) -> None:
@@ -120,7 +130,8 @@ def _absorb(material: Any) -> None:
     for node in [node for node in nodes if node.type == "VOLUME_ABSORPTION"]:
         color, density = node.inputs["Color"].default_value, node.inputs["Density"]
         absorbed = [-math.log(max(value, 1e-6)) for value in color[:3]]
-        if (largest := max(absorbed)) > 0:
+        largest = max(absorbed)
+        if largest > 0:
             node.inputs["Color"].default_value = (*(1 - value / largest for value in absorbed), 1)
             density.default_value *= largest
 
@@ -213,11 +224,17 @@ def _fall_off(light: Any, outer: float, inner: float) -> None:
     """A spotlight's curve between the cosines of its cones is that of glTF, by nodes; Blender has another."""
     light.use_nodes = True
     nodes, links = light.node_tree.nodes, light.node_tree.links
-    place, axes = nodes.new("ShaderNodeTexCoord"), nodes.new("ShaderNodeSeparateXYZ")
+    place = nodes.new("ShaderNodeTexCoord")
+    axes = nodes.new("ShaderNodeSeparateXYZ")
     cosine, share, squared = (nodes.new("ShaderNodeMath") for _ in range(3))
     scale = 1 / max(inner - outer, 1e-3)
-    cosine.operation, share.operation, squared.operation = "ABSOLUTE", "MULTIPLY_ADD", "POWER"
-    share.use_clamp, share.inputs[1].default_value, share.inputs[2].default_value = True, scale, -outer * scale
+    cosine.operation = "ABSOLUTE"
+    # KHR_lights_punctual: the square of the clamped (cosine - outer) / (inner - outer).
+    share.operation = "MULTIPLY_ADD"
+    share.use_clamp = True
+    share.inputs[1].default_value = scale
+    share.inputs[2].default_value = -outer * scale
+    squared.operation = "POWER"
     squared.inputs[1].default_value = 2
     links.new(place.outputs["Normal"], axes.inputs[0])
     links.new(axes.outputs["Z"], cosine.inputs[0])
@@ -272,10 +289,14 @@ def _set_up(scene: Any, job: dict[str, Any]) -> None:
     render, cycles = scene.render, scene.cycles
     render.engine = "CYCLES"
     render.resolution_x, render.resolution_y = job["size"]
-    render.resolution_percentage, render.film_transparent, render.use_persistent_data = 100, False, True
+    render.resolution_percentage = 100
+    render.film_transparent = False
+    render.use_persistent_data = True  # so that only the first picture loads the scene
     render.image_settings.file_format, render.image_settings.color_depth = "OPEN_EXR", "32"
     scene.view_settings.view_transform = "Raw"
-    cycles.device, cycles.use_denoising, cycles.use_adaptive_sampling = "CPU", False, False
+    cycles.device = "CPU"
+    cycles.use_denoising = False
+    cycles.use_adaptive_sampling = False
     bounces = max(job["max_bounces"] - 1, 0)  # Cycles doesn't count the first surface
     for name in ("max", "diffuse", "glossy", "transmission", "volume"):
         setattr(cycles, f"{name}_bounces", bounces)
