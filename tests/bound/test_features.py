@@ -11,9 +11,8 @@ import pytest
 import solari_vk as sv
 from solari_vk.bound.features import FEATURES
 from solari_vk.gpu.shaders.compiler import COMMON_FEATURES, compile_shader
-from solari_vk.gpu.shaders.ray_generation import instructions
 from solari_vk.gpu.shaders.spirv import reflect
-from solari_vk.gpu.shaders.spirv_code import text
+from solari_vk.gpu.shaders.spv import instructions, text
 
 EVERY = {feature.constant for feature in FEATURES}
 FEATURE = """#version 460

@@ -13,8 +13,8 @@ from solari_vk.gpu.frame import interface
 from solari_vk.gpu.frame.frame import Frame, Pass, Stage
 from solari_vk.gpu.shaders.addresses import access_by_address
 from solari_vk.gpu.shaders.compiler import compile_shader
-from solari_vk.gpu.shaders.ray_generation import instructions
 from solari_vk.gpu.shaders.spirv import reflect
+from solari_vk.gpu.shaders.spv import instructions
 from tests.gpu.shader_folder import check_spirv
 
 SHADER = """

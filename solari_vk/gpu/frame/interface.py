@@ -23,10 +23,10 @@ import numpy as np
 from solari_vk.base.errors import SolariError
 from solari_vk.gpu.device import raw
 from solari_vk.gpu.device.device import Device
+from solari_vk.gpu.shaders import spv
 from solari_vk.gpu.shaders.addresses import ADDRESS_BYTES, access_by_address
 from solari_vk.gpu.shaders.compiler import compile_shader
-from solari_vk.gpu.shaders.spirv import DECORATION_BINDING, Binding, Module, reflect
-from solari_vk.gpu.shaders.spirv_code import OP_DECORATE, OP_FUNCTION
+from solari_vk.gpu.shaders.spirv import Binding, Module, reflect
 
 SET_COUNT = 2
 DESCRIPTOR_TYPES = {
@@ -168,8 +168,8 @@ class Interface:
         """The SPIR-V of a module, or its `code` made from that, with the numbers of this interface."""
         words = np.frombuffer(module.spirv if code is None else code, np.uint32).copy()
         at = _HEADER_WORDS
-        while words[at] & 0xFFFF != OP_FUNCTION:
-            if words[at] & 0xFFFF == OP_DECORATE and words[at + 2] == DECORATION_BINDING:
+        while words[at] & 0xFFFF != spv.OP_FUNCTION:
+            if words[at] & 0xFFFF == spv.OP_DECORATE and words[at + 2] == spv.DECORATION_BINDING:
                 words[at + 3] = self.bindings[module.variables[int(words[at + 1])]].binding
             at += int(words[at]) >> 16
         return words.tobytes()

@@ -12,27 +12,19 @@ function or an atomic operation, stays as it is.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from functools import lru_cache
 
 import numpy as np
 
-from solari_vk.gpu.shaders.ray_generation import instructions
-from solari_vk.gpu.shaders.spirv_code import (
-    OP_ENTRY_POINT,
-    OP_FUNCTION,
-    OP_TYPE_POINTER,
-    OP_VARIABLE,
-    STORAGE_PHYSICAL,
-    STORAGE_PUSH_CONSTANT,
-)
-
-Words = list[int]
+from solari_vk.gpu.shaders import spv
+from solari_vk.gpu.shaders.spv import Words
 
 ADDRESS_BYTES = 8
-_MEMORY_MODEL, _CAPABILITY, _DECORATE, _MEMBER_DECORATE = 14, 17, 71, 72
-_TYPE_INT, _TYPE_FLOAT, _TYPE_ARRAYS, _TYPE_STRUCT, _CONSTANT = 21, 22, (23, 24, 28, 29), 30, 43
-_LOAD, _STORE, _CHAINS, _ARRAY_LENGTH = 61, 62, (65, 66), 68
-_PHYSICAL_ADDRESSES, _PHYSICAL_64, _BLOCK, _OFFSET, _ALIGNED = 5347, 5348, 2, 35, 2
+_CHAINS = (spv.OP_ACCESS_CHAIN, spv.OP_IN_BOUNDS_ACCESS_CHAIN)
+_DECLARED_TYPES = range(spv.OP_TYPE_VOID, spv.OP_TYPE_FORWARD_POINTER + 1)
+_DECLARED = range(spv.OP_TYPE_VOID, spv.OP_VARIABLE + 1)  # types, constants and variables
+_TYPE_ARRAYS = (spv.OP_TYPE_VECTOR, spv.OP_TYPE_MATRIX, spv.OP_TYPE_ARRAY, spv.OP_TYPE_RUNTIME_ARRAY)
 
 
 @lru_cache(maxsize=128)
@@ -44,63 +36,77 @@ def access_by_address(spirv: bytes, buffers: tuple[tuple[int, str], ...], most: 
     names.
     """
     names = dict(buffers)
-    listed = list(instructions(spirv))
-    first = next(i for i, words in enumerate(listed) if words[0] & 0xFFFF == OP_FUNCTION)
+    listed = list(spv.instructions(spirv))
+    first = next(i for i, words in enumerate(listed) if spv.opcode(words) == spv.OP_FUNCTION)
     declarations, code = listed[:first], listed[first:]
     chains = _chains(code, set(names))
-    elsewhere = set[int]()
-    for words in code:
-        op = words[0] & 0xFFFF
-        if op not in (*_CHAINS, _LOAD, _ARRAY_LENGTH):
-            elsewhere |= {chains[word] for word in words[2 if op == _STORE else 1 :] if word in chains}
-    roots = sorted({*chains.values()} - elsewhere, key=names.__getitem__)[:most]
-    places = {variable: at for at, variable in enumerate(roots)}
-    chains = {chain: root for chain, root in chains.items() if root in places}
-    if not places:
+    roots = sorted({*chains.values()} - _used_elsewhere(code, chains), key=names.__getitem__)[:most]
+    if not roots:
         return spirv, ()
-    module = _Module(declarations, int(np.frombuffer(spirv[12:16], np.uint32)[0]))
-    pushed, pointers = module.push(list(places))
-    made: list[Words] = []
-    stored: dict[int, int] = {}  # type of what each chain points to
-    for words in code:
-        op = words[0] & 0xFFFF
-        if op in _CHAINS and words[2] in chains:
-            stored[words[2]] = module.pointees[words[1]]
-            words = [words[0], module.physical(module.pointees[words[1]]), *words[2:]]
-            if (variable := words[3]) in places:
-                at = places[variable]
-                to_address, address = module.new_id(), module.new_id()
-                made.append(_words(65, pointers[at][0], to_address, pushed, module.index(at)))
-                made.append(_words(_LOAD, pointers[at][1], address, to_address))
-                words[3] = address
-        elif op == _LOAD and words[3] in chains:
-            words = _aligned(words, 4, module.scalar_size(words[1]))
-        elif op == _STORE and words[1] in chains:
-            words = _aligned(words, 3, module.scalar_size(stored[words[1]]))
-        made.append(words)
+    module = _Module(declarations, int(np.frombuffer(spirv[:20], np.uint32)[spv.ID_BOUND]))
+    chains = {chain: root for chain, root in chains.items() if root in roots}
+    made = _by_address(code, chains, roots, module)
     header = np.frombuffer(spirv[:20], np.uint32).copy()
     joined = [word for words in (*module.finished(), *made) for word in words]
-    header[3] = module.bound
-    return header.tobytes() + np.array(joined, np.uint32).tobytes(), tuple(names[variable] for variable in places)
+    header[spv.ID_BOUND] = module.bound
+    return header.tobytes() + np.array(joined, np.uint32).tobytes(), tuple(names[variable] for variable in roots)
 
 
-def _words(op: int, *operands: int) -> Words:
-    return [(len(operands) + 1) << 16 | op, *operands]
+def _used_elsewhere(code: list[Words], chains: Mapping[int, int]) -> set[int]:
+    """The variables whose pointers are used by more than access chains, loads, stores and lengths."""
+    found = set[int]()
+    for words in code:
+        op = spv.opcode(words)
+        if op in (*_CHAINS, spv.OP_LOAD, spv.OP_ARRAY_LENGTH):
+            continue
+        # A store's first operand is where it stores to; a pointer that is stored itself goes elsewhere.
+        operands = words[2:] if op == spv.OP_STORE else words[1:]
+        found |= {chains[word] for word in operands if word in chains}
+    return found
+
+
+def _by_address(code: list[Words], chains: Mapping[int, int], roots: list[int], module: _Module) -> list[Words]:
+    """The code with chains that begin at addresses. roots: the variables of the buffers, in the order of addresses."""
+    pushed, pointers = module.push(roots)
+    places = {variable: at for at, variable in enumerate(roots)}
+    pointee_of: dict[int, int] = {}  # the type of what each chain leads to
+    made: list[Words] = []
+    for words in code:
+        op = spv.opcode(words)
+        if op in _CHAINS and words[2] in chains:
+            pointee = module.pointees[words[1]]
+            pointee_of[words[2]] = pointee
+            pointer = module.physical(pointee)
+            base = words[3]
+            if base in places:
+                # The chain begins at the buffer itself: its address is loaded from the push constants.
+                at = places[base]
+                to_address, address = module.new_id(), module.new_id()
+                made.append(spv.encoded(spv.OP_ACCESS_CHAIN, pointers[at][0], to_address, pushed, module.index(at)))
+                made.append(spv.encoded(spv.OP_LOAD, pointers[at][1], address, to_address))
+                base = address
+            words = [words[0], pointer, words[2], base, *words[4:]]
+        elif op == spv.OP_LOAD and words[3] in chains:
+            words = _aligned(words, 4, module.scalar_size(words[1]))
+        elif op == spv.OP_STORE and words[1] in chains:
+            words = _aligned(words, 3, module.scalar_size(pointee_of[words[1]]))
+        made.append(words)
+    return made
 
 
 def _aligned(words: Words, at: int, size: int) -> Words:
     """A load or store, whose memory operands are words from `at` on, with the alignment that addresses need."""
     mask = words[at] if len(words) > at else 0
-    if mask & _ALIGNED:
+    if mask & spv.MEMORY_ALIGNED:
         return words
-    return _words(words[0] & 0xFFFF, *words[1:at], mask | _ALIGNED, size, *words[at + 1 :])
+    return spv.encoded(spv.opcode(words), *words[1:at], mask | spv.MEMORY_ALIGNED, size, *words[at + 1 :])
 
 
 def _chains(code: list[Words], variables: set[int]) -> dict[int, int]:
     """The variable of each access chain that starts at one of these or at a chain from one; and of itself."""
     found = {variable: variable for variable in variables}
     for words in code:
-        if words[0] & 0xFFFF in _CHAINS and words[3] in found:
+        if spv.opcode(words) in _CHAINS and words[3] in found:
             found[words[2]] = found[words[3]]
     roots = {root for chain, root in found.items() if chain not in variables}
     return {chain: root for chain, root in found.items() if root in roots}
@@ -114,13 +120,13 @@ class _Module:
         self._added: list[Words] = []
         self._decorations: list[Words] = []
         self.bound = bound
-        self._types = {words[1]: words for words in declarations if words[0] & 0xFFFF in range(19, 40)}
-        self.pointees = {i: words[3] for i, words in self._types.items() if words[0] & 0xFFFF == OP_TYPE_POINTER}
-        self._variables = {words[2]: words[1] for words in declarations if words[0] & 0xFFFF == OP_VARIABLE}
+        self._types = {words[1]: words for words in declarations if spv.opcode(words) in _DECLARED_TYPES}
+        self.pointees = {i: words[3] for i, words in self._types.items() if spv.opcode(words) == spv.OP_TYPE_POINTER}
+        self._variables = {words[2]: words[1] for words in declarations if spv.opcode(words) == spv.OP_VARIABLE}
         self._physical = {
             words[3]: i
             for i, words in self._types.items()
-            if words[0] & 0xFFFF == OP_TYPE_POINTER and words[2] == STORAGE_PHYSICAL
+            if spv.opcode(words) == spv.OP_TYPE_POINTER and words[2] == spv.STORAGE_PHYSICAL
         }
         self._pushed = 0
 
@@ -131,63 +137,75 @@ class _Module:
     def _add(self, op: int, *operands: int) -> int:
         """Add the declaration of a type; returns its id."""
         made = self.new_id()
-        self._added.append(_words(op, made, *operands))
+        self._added.append(spv.encoded(op, made, *operands))
         return made
 
     def physical(self, pointee: int) -> int:
         """The type of addresses of a type."""
         if pointee not in self._physical:
-            self._physical[pointee] = self._add(OP_TYPE_POINTER, STORAGE_PHYSICAL, pointee)
+            self._physical[pointee] = self._add(spv.OP_TYPE_POINTER, spv.STORAGE_PHYSICAL, pointee)
         return self._physical[pointee]
 
     def index(self, value: int) -> int:
         """A constant integer."""
         if value not in self._indices:
             made = self._indices[value] = self.new_id()
-            self._added.append(_words(_CONSTANT, self._integer, made, value))
+            self._added.append(spv.encoded(spv.OP_CONSTANT, self._integer, made, value))
         return self._indices[value]
 
     def push(self, variables: list[int]) -> tuple[int, list[tuple[int, int]]]:
         """Declare push constants with the addresses of the buffers of these variables. Returns their variable, and for
         each the types of a pointer to the address and of the address."""
-        integers = [i for i, words in self._types.items() if words[0] & 0xFFFF == _TYPE_INT and words[2:] == [32, 0]]
-        self._integer = integers[0] if integers else self._add(_TYPE_INT, 32, 0)
+        # SPIR-V allows a type to be declared once: an existing type of unsigned 32-bit integers must be used.
+        by_operands = {(spv.opcode(words), *words[2:]): number for number, words in self._types.items()}
+        unsigned = by_operands.get((spv.OP_TYPE_INT, 32, 0))
+        self._integer = self._add(spv.OP_TYPE_INT, 32, 0) if unsigned is None else unsigned
         self._indices = {
             words[3]: words[2]
             for words in self._declarations
-            if words[0] & 0xFFFF == _CONSTANT and words[1] == self._integer
+            if spv.opcode(words) == spv.OP_CONSTANT and words[1] == self._integer
         }
         members = [self.physical(self.pointees[self._variables[variable]]) for variable in variables]
-        block = self._add(_TYPE_STRUCT, *members)
-        self._decorations.append(_words(_DECORATE, block, _BLOCK))
+        block = self._add(spv.OP_TYPE_STRUCT, *members)
+        self._decorations.append(spv.encoded(spv.OP_DECORATE, block, spv.DECORATION_BLOCK))
         for at in range(len(members)):
-            self._decorations.append(_words(_MEMBER_DECORATE, block, at, _OFFSET, ADDRESS_BYTES * at))
-        pointer = self._add(OP_TYPE_POINTER, STORAGE_PUSH_CONSTANT, block)
-        to_members = {member: self._add(OP_TYPE_POINTER, STORAGE_PUSH_CONSTANT, member) for member in set(members)}
+            self._decorations.append(
+                spv.encoded(spv.OP_MEMBER_DECORATE, block, at, spv.DECORATION_OFFSET, ADDRESS_BYTES * at)
+            )
+        pointer = self._add(spv.OP_TYPE_POINTER, spv.STORAGE_PUSH_CONSTANT, block)
+        to_members = {
+            member: self._add(spv.OP_TYPE_POINTER, spv.STORAGE_PUSH_CONSTANT, member) for member in set(members)
+        }
         self._pushed = self.new_id()
-        self._added.append(_words(OP_VARIABLE, pointer, self._pushed, STORAGE_PUSH_CONSTANT))
+        self._added.append(spv.encoded(spv.OP_VARIABLE, pointer, self._pushed, spv.STORAGE_PUSH_CONSTANT))
+        # Constants must be declared before the functions: those of all indices are made now.
         for at in range(len(members)):
             self.index(at)
         return self._pushed, [(to_members[member], member) for member in members]
 
     def scalar_size(self, kind: int) -> int:
         """The bytes of the largest scalar in a type, to which its values in buffers are aligned."""
-        op, operands = self._types[kind][0] & 0xFFFF, self._types[kind][2:]
-        if op in (_TYPE_INT, _TYPE_FLOAT):
+        words = self._types[kind]
+        op = spv.opcode(words)
+        operands = words[2:]
+        if op in (spv.OP_TYPE_INT, spv.OP_TYPE_FLOAT):
             return operands[0] // 8
-        if op == OP_TYPE_POINTER:
+        if op == spv.OP_TYPE_POINTER:
             return ADDRESS_BYTES
-        return max(self.scalar_size(part) for part in (operands[:1] if op in _TYPE_ARRAYS else operands))
+        parts = operands[:1] if op in _TYPE_ARRAYS else operands  # of a struct all members
+        return max(self.scalar_size(part) for part in parts)
 
     def finished(self) -> list[Words]:
         """The declarations, with those that were added where SPIR-V wants them."""
-        capability = _words(_CAPABILITY, _PHYSICAL_ADDRESSES)
+        capability = spv.encoded(spv.OP_CAPABILITY, spv.CAPABILITY_PHYSICAL_ADDRESSES)
+        # Capabilities come first, decorations before types, and types before what uses them.
         made = [] if capability in self._declarations else [capability]
-        first = next(at for at, words in enumerate(self._declarations) if words[0] & 0xFFFF in range(19, 60))
+        first = next(at for at, words in enumerate(self._declarations) if spv.opcode(words) in _DECLARED)
         for words in self._declarations[:first]:
-            if words[0] & 0xFFFF == _MEMORY_MODEL:
-                words = [words[0], _PHYSICAL_64, words[2]]
-            elif words[0] & 0xFFFF == OP_ENTRY_POINT:
-                words = [words[0] + (1 << 16), *words[1:], self._pushed]
+            if spv.opcode(words) == spv.OP_MEMORY_MODEL:
+                words = [words[0], spv.ADDRESSING_PHYSICAL_64, words[2]]
+            elif spv.opcode(words) == spv.OP_ENTRY_POINT:
+                # Since SPIR-V 1.4 an entry point names all variables of module scope that it uses.
+                words = spv.encoded(spv.OP_ENTRY_POINT, *words[1:], self._pushed)
             made.append(words)
         return [*made, *self._decorations, *self._declarations[first:], *self._added]

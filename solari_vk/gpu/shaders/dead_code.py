@@ -10,34 +10,33 @@ from collections.abc import Iterable, Iterator
 
 import numpy as np
 
+from solari_vk.gpu.shaders import spv
 from solari_vk.gpu.shaders.branches import without_constant_branches
-from solari_vk.gpu.shaders.ray_generation import instructions
+from solari_vk.gpu.shaders.spv import Words
 
-_EXTENSION, _CAPABILITY, _EXT_INST_IMPORT, _EXT_INST, _ENTRY_POINT, _MODE_ID = 10, 17, 11, 12, 15, 331
-_FUNCTION, _VARIABLE, _FORWARD_POINTER = 54, 59, 39
-_NAMES, _DECORATIONS = frozenset((5, 6, _FORWARD_POINTER)), frozenset((71, 72, 332))  # of ids or their members
-_TEXTS = frozenset((2, 3, 4, 7, 8, 317, 330))  # sources, file names, lines: shipped modules must not contain paths
-_RAY_QUERY, _RAY_QUERY_TYPE, _RAY_QUERY_EXTENSION = 4472, 4472, b"SPV_KHR_ray_query\0"
-_TYPES = frozenset((*range(19, 34), _RAY_QUERY_TYPE, 5341))
+# Names and decorations of ids or of their members. Names stay only for what the module's interface needs, decorations
+# also for values in functions: `precise` is one.
+_NAMES = frozenset((spv.OP_NAME, spv.OP_MEMBER_NAME, spv.OP_TYPE_FORWARD_POINTER))
+_DECORATIONS = frozenset((spv.OP_DECORATE, spv.OP_MEMBER_DECORATE, spv.OP_DECORATE_ID))
+_RAY_QUERY_EXTENSION = b"SPV_KHR_ray_query\0"
 
-# Where operands are ids, as (first word, end). Other operands of these instructions are literals, and all operands of
-# instructions that aren't listed are ids.
+# Where operands are ids, as (first word, end), by opcode. Other operands of these instructions are literals, and all
+# operands of instructions that aren't listed are ids.
 _IDS = {
     21: (2, 2), 22: (2, 2), 23: (2, 3), 24: (2, 3), 25: (2, 3),  # types: integer, float, vector, matrix, image
-    32: (3, 4), 43: (1, 2), 50: (1, 2), _VARIABLE: (1, 2),  # pointer; constant, specialization constant; variable
-    _FUNCTION: (1, 2), 61: (1, 4), 62: (1, 3), 63: (1, 3),  # function; load, store, copy
+    32: (3, 4), 43: (1, 2), 50: (1, 2), spv.OP_VARIABLE: (1, 2),  # pointer; constant, specialization constant; variable
+    spv.OP_FUNCTION: (1, 2), 61: (1, 4), 62: (1, 3), 63: (1, 3),  # function; load, store, copy
     79: (1, 5), 81: (1, 4), 82: (1, 5),  # shuffle, extract, insert
     246: (1, 1), 247: (1, 1), 248: (1, 1), 249: (1, 1), 250: (1, 2), 251: (1, 2),  # merges, label, branches
 }  # fmt: skip
-# The literal among the ids: the instruction's number in its set, an image's operands
+# The word that is a literal among ids: the number of an extended instruction in its set; the mask of operands of images
+# (OpImageSample* and OpImageFetch, then those with a reference or component, OpImageWrite), behind which ids follow.
 _LITERAL = {
-    _EXT_INST: 4,
-    99: 4,
+    spv.OP_EXT_INST: 4,
+    spv.OP_IMAGE_WRITE: 4,
     **dict.fromkeys((87, 88, 91, 92, 95, 98), 5),
     **dict.fromkeys((89, 90, 93, 94, 96, 97), 6),
 }
-
-Words = list[int]
 
 
 def without_texts(spirv: bytes) -> bytes:
@@ -49,21 +48,34 @@ def without_dead_code(spirv: bytes) -> bytes:
     """The module with what its entry points reach, and without names of local variables."""
     defined, functions, declarations = _definitions(_instructions(spirv))
     functions = without_constant_branches(functions, declarations)
+    live = _reached(defined, functions, declarations)
+    # The driver would refuse a module whose capability it lacks, even if only dead code needed it.
+    traces = any(spv.opcode(defined[reached]) == spv.OP_TYPE_RAY_QUERY for reached in live)
+    code = [words for number, body in functions.items() if number in live for words in body]
+    # The second or third word of an instruction in a function is its result, which may be decorated.
+    decorated = live.union(*(words[1:3] for words in code))
+    kept = [words for words in declarations if _stays(words, live, decorated, traces)]
+    kept = [_with_interface(words, live) if spv.opcode(words) == spv.OP_ENTRY_POINT else words for words in kept]
+    return _joined(spirv, (*kept, *code))
+
+
+def _reached(defined: dict[int, Words], functions: dict[int, list[Words]], declarations: list[Words]) -> set[int]:
+    """The ids of module scope that entry points and their execution modes lead to."""
+    waiting: Words = []
+    for words in declarations:
+        if spv.opcode(words) == spv.OP_ENTRY_POINT:
+            waiting.append(words[2])
+        elif spv.opcode(words) == spv.OP_EXECUTION_MODE_ID:
+            waiting += words[3:]
     live = set[int]()
-    waiting = [words[2] for words in declarations if words[0] & 0xFFFF == _ENTRY_POINT]
-    waiting += [word for words in declarations if words[0] & 0xFFFF == _MODE_ID for word in words[3:]]
     while waiting:
         reached = waiting.pop()
-        if reached not in live and reached in defined:
-            live.add(reached)
-            for words in functions.get(reached, [defined[reached]]):
-                waiting += _ids(words)
-    traces = any(defined[reached][0] & 0xFFFF == _RAY_QUERY_TYPE for reached in live)
-    code = [words for number, body in functions.items() if number in live for words in body]
-    decorated = live.union(*(words[1:3] for words in code))  # with the results of the code, of which some are `precise`
-    kept = [words for words in declarations if _stays(words, live, decorated, traces)]
-    kept = [_with_interface(words, live) if words[0] & 0xFFFF == _ENTRY_POINT else words for words in kept]
-    return _joined(spirv, (*kept, *code))
+        if reached in live or reached not in defined:
+            continue
+        live.add(reached)
+        for words in functions.get(reached, [defined[reached]]):
+            waiting += _ids(words)
+    return live
 
 
 def _joined(spirv: bytes, listed: Iterable[Words]) -> bytes:
@@ -73,8 +85,8 @@ def _joined(spirv: bytes, listed: Iterable[Words]) -> bytes:
 
 def _instructions(spirv: bytes) -> Iterator[Words]:
     """The words of each instruction but those about the source; the first holds the length above 16 bits of opcode."""
-    for words in instructions(spirv):
-        if words[0] & 0xFFFF not in _TEXTS:
+    for words in spv.instructions(spirv):
+        if spv.opcode(words) not in spv.TEXTS:
             yield words
 
 
@@ -85,10 +97,10 @@ def _definitions(listed: Iterable[Words]) -> tuple[dict[int, Words], dict[int, l
     declarations: list[Words] = []
     body = declarations
     for words in listed:
-        op = words[0] & 0xFFFF
-        if op == _FUNCTION:
+        op = spv.opcode(words)
+        if op == spv.OP_FUNCTION:
             body = functions[words[2]] = []
-        if body is declarations or op == _FUNCTION:
+        if body is declarations or op == spv.OP_FUNCTION:
             result = _result(op)
             if result:
                 defined[words[result]] = words
@@ -98,19 +110,21 @@ def _definitions(listed: Iterable[Words]) -> tuple[dict[int, Words], dict[int, l
 
 def _result(op: int) -> int:
     """The word that holds the id which a declaration or function defines; 0 if it defines none."""
-    if op in _TYPES or op == _EXT_INST_IMPORT:
+    if op in spv.TYPES or op == spv.OP_EXT_INST_IMPORT:
         return 1
-    return 2 if op in (1, *range(41, 53), _VARIABLE, _FUNCTION) else 0
+    # Constants of all kinds, from OpConstantTrue to OpSpecConstantOp, have their type before the result.
+    constants = range(spv.OP_CONSTANT_TRUE, spv.OP_SPEC_CONSTANT_OP + 1)
+    return 2 if op in (spv.OP_UNDEF, *constants, spv.OP_VARIABLE, spv.OP_FUNCTION) else 0
 
 
 def _ids(words: Words) -> Words:
     """The ids in an instruction, of module scope or local."""
-    op = words[0] & 0xFFFF
-    if op == _EXT_INST_IMPORT:
+    op = spv.opcode(words)
+    if op == spv.OP_EXT_INST_IMPORT:
         return []
     first, end = _IDS.get(op, (1, len(words)))
     found = words[first:end]
-    if op in (_FUNCTION, _VARIABLE):
+    if op in (spv.OP_FUNCTION, spv.OP_VARIABLE):
         found += words[4:]  # the function's type; the initial value
     if op in _LITERAL and len(words) > _LITERAL[op]:
         del found[_LITERAL[op] - 1]
@@ -118,10 +132,10 @@ def _ids(words: Words) -> Words:
 
 
 def _stays(words: Words, live: set[int], decorated: set[int], traces: bool) -> bool:
-    op = words[0] & 0xFFFF
-    if op == _CAPABILITY:
-        return traces or words[1] != _RAY_QUERY
-    if op == _EXTENSION:
+    op = spv.opcode(words)
+    if op == spv.OP_CAPABILITY:
+        return traces or words[1] != spv.CAPABILITY_RAY_QUERY
+    if op == spv.OP_EXTENSION:
         return traces or not np.array(words[1:], np.uint32).tobytes().startswith(_RAY_QUERY_EXTENSION)
     if op in _NAMES or op in _DECORATIONS:
         return words[1] in (live if op in _NAMES else decorated)
@@ -131,6 +145,7 @@ def _stays(words: Words, live: set[int], decorated: set[int], traces: bool) -> b
 
 def _with_interface(words: Words, live: set[int]) -> Words:
     """An entry point that names only live variables."""
+    # The name is a string of words, the last of which ends with a zero byte; ids of variables follow.
     name_end = next(at for at in range(3, len(words)) if words[at] >> 24 == 0) + 1
     kept = words[:name_end] + [word for word in words[name_end:] if word in live]
-    return [len(kept) << 16 | _ENTRY_POINT, *kept[1:]]
+    return spv.encoded(spv.OP_ENTRY_POINT, *kept[1:])

@@ -10,7 +10,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator
 
-import numpy as np
+from solari_vk.gpu.shaders import spv
 
 DEFINE = "RAY_PIPELINES"
 TRACE = "scene/trace.glsl"
@@ -24,7 +24,6 @@ OWN_QUERIES = (
     f"shaders that trace by {TRACE} run on any device"
 )
 _LOCAL_SIZE = re.compile(r"\blayout\s*\([^()]*\blocal_size_[^()]*\)\s*in\s*;")
-_OP_CAPABILITY, _CAPABILITY_RAY_QUERY = 17, 4472
 
 
 def without_local_size(source: str) -> str:
@@ -32,22 +31,14 @@ def without_local_size(source: str) -> str:
     return _LOCAL_SIZE.sub(lambda found: "\n" * found[0].count("\n"), source)
 
 
-def instructions(spirv: bytes) -> Iterator[list[int]]:
-    """The words of each instruction; the first holds the length above 16 bits of opcode."""
-    words, at = np.frombuffer(spirv, np.uint32).tolist(), 5
-    while at < len(words):
-        start, at = at, at + (words[at] >> 16)
-        yield words[start:at]
-
-
 def uses_ray_queries(spirv: bytes) -> bool:
     """Whether a module declares the capability of ray queries."""
-    return any(words[1] == _CAPABILITY_RAY_QUERY for words in _preamble(spirv))
+    return any(words[1] == spv.CAPABILITY_RAY_QUERY for words in _preamble(spirv))
 
 
 def _preamble(spirv: bytes) -> Iterator[list[int]]:
     """The capabilities, with which a module begins."""
-    for words in instructions(spirv):
-        if words[0] & 0xFFFF != _OP_CAPABILITY:
+    for words in spv.instructions(spirv):
+        if spv.opcode(words) != spv.OP_CAPABILITY:
             return
         yield words

@@ -14,22 +14,22 @@ from typing import Any
 
 import numpy as np
 
+from solari_vk.gpu.shaders import spv
 from solari_vk.gpu.shaders.dead_code import without_dead_code
 from solari_vk.gpu.shaders.module import Module
-from solari_vk.gpu.shaders.spirv_code import OP_DECORATE, OP_FUNCTION
+from solari_vk.gpu.shaders.spv import Words
 
 _FEW_SWITCHES = 3
-_SPEC_ID = 1
-_TRUE, _FALSE, _CONSTANT = 41, 42, 43
-_SPEC_TRUE, _SPEC_FALSE, _SPEC_CONSTANT, _SPEC_OPERATION = 48, 49, 50, 52
+_BOOLEANS = {True: spv.OP_CONSTANT_TRUE, False: spv.OP_CONSTANT_FALSE}
+# The operations on specialization constants by which shaders combine switches.
 _CONDITIONS: dict[int, Callable[..., Any]] = {
-    164: operator.eq,
-    165: operator.ne,
-    166: operator.or_,
-    167: operator.and_,
-    168: operator.not_,  # of booleans
-    170: operator.eq,
-    171: operator.ne,  # of integers
+    spv.OP_LOGICAL_EQUAL: operator.eq,
+    spv.OP_LOGICAL_NOT_EQUAL: operator.ne,
+    spv.OP_LOGICAL_OR: operator.or_,
+    spv.OP_LOGICAL_AND: operator.and_,
+    spv.OP_LOGICAL_NOT: operator.not_,
+    spv.OP_I_EQUAL: operator.eq,
+    spv.OP_I_NOT_EQUAL: operator.ne,
 }
 
 
@@ -52,27 +52,50 @@ def specialized(module: Module, values: Mapping[str, int | float | bool]) -> Mod
 @lru_cache(maxsize=64)
 def _specialized(spirv: bytes, given: tuple[tuple[int, bytes], ...]) -> bytes:
     """The module with the bytes of constants, by their specialization ids."""
-    values, ids, known = dict(given), dict[int, int](), dict[int, Any]()
-    words, at = np.frombuffer(spirv, np.uint32).tolist(), 5
+    folding = _Folding(dict(given))
     declarations: list[int] = []
-    while (op := words[at] & 0xFFFF) != OP_FUNCTION:
-        start, at = at, at + (words[at] >> 16)
-        operands = words[start + 1 : at]
-        if op == OP_DECORATE and operands[1] == _SPEC_ID:
-            ids[operands[0]] = operands[2]
-            continue
-        if op in (_SPEC_TRUE, _SPEC_FALSE):
-            value = values.get(ids.get(operands[1], -1))
-            op = _TRUE if (op == _SPEC_TRUE if value is None else any(value)) else _FALSE
-        elif op == _SPEC_CONSTANT:
-            value = values.get(ids.get(operands[1], -1))
-            op, operands[2:] = _CONSTANT, operands[2:] if value is None else np.frombuffer(value, np.uint32).tolist()
-        elif op == _SPEC_OPERATION and operands[2] in _CONDITIONS and known.keys() >= set(operands[3:]):
-            holds = _CONDITIONS[operands[2]](*(known[operand] for operand in operands[3:]))
-            op, operands = _TRUE if holds else _FALSE, operands[:2]
-        if op in (_TRUE, _FALSE):
-            known[operands[1]] = op == _TRUE
-        elif op == _CONSTANT and len(operands) == 3:
-            known[operands[1]] = operands[2]
-        declarations += [(len(operands) + 1) << 16 | op, *operands]
+    at = spv.HEADER_WORDS
+    for words in spv.instructions(spirv):
+        if spv.opcode(words) == spv.OP_FUNCTION:
+            break
+        declarations += folding.folded(words)
+        at += len(words)
     return without_dead_code(spirv[:20] + np.array(declarations, np.uint32).tobytes() + spirv[4 * at :])
+
+
+class _Folding:
+    """Makes constants of specialization constants, in the order of a module's declarations. values: their bytes, by
+    specialization ids; those without have their defaults."""
+
+    def __init__(self, values: Mapping[int, bytes]) -> None:
+        self._values = values
+        self._spec_ids: dict[int, int] = {}  # of ids
+        self._known: dict[int, Any] = {}  # values of ids: booleans, and the words of 32-bit numbers
+
+    def folded(self, words: Words) -> Words:
+        """What takes the place of a declaration."""
+        op, operands = spv.opcode(words), words[1:]
+        if op == spv.OP_DECORATE and operands[1] == spv.DECORATION_SPEC_ID:
+            self._spec_ids[operands[0]] = operands[2]
+            return []
+        if op in (spv.OP_SPEC_CONSTANT_TRUE, spv.OP_SPEC_CONSTANT_FALSE):
+            value = self._value_of(operands[1])
+            holds = op == spv.OP_SPEC_CONSTANT_TRUE if value is None else any(value)
+            op = _BOOLEANS[holds]
+        elif op == spv.OP_SPEC_CONSTANT:
+            op = spv.OP_CONSTANT
+            value = self._value_of(operands[1])
+            if value is not None:
+                operands[2:] = np.frombuffer(value, np.uint32).tolist()
+        elif op == spv.OP_SPEC_CONSTANT_OP and operands[2] in _CONDITIONS and self._known.keys() >= set(operands[3:]):
+            holds = _CONDITIONS[operands[2]](*(self._known[operand] for operand in operands[3:]))
+            op = _BOOLEANS[bool(holds)]
+            operands = operands[:2]
+        if op in _BOOLEANS.values():
+            self._known[operands[1]] = op == spv.OP_CONSTANT_TRUE
+        elif op == spv.OP_CONSTANT and len(operands) == 3:
+            self._known[operands[1]] = operands[2]
+        return spv.encoded(op, *operands)
+
+    def _value_of(self, constant: int) -> bytes | None:
+        return self._values.get(self._spec_ids.get(constant, -1))
