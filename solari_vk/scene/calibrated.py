@@ -126,6 +126,7 @@ class Calibrated:
                 f"and no skew, not {np.asarray(K).tolist()}"
             )
         transform = np.eye(4)
+        # OpenCV's R and t lead from the world to the camera, a transform here the other way.
         transform[:3, :3] = rotation.T @ FROM_OPENCV
         transform[:3, 3] = -rotation.T @ shift
         # The inverse of `_half_height`. The picture's middle need not be the principal point.
@@ -158,6 +159,7 @@ class Calibrated:
     def extrinsics(self) -> tuple[Floats, Floats]:
         """R (3, 3) and t (3,): a point of the world is at R @ point + t in OpenCV's camera frame."""
         axes = self.transform[:3, :3] / np.linalg.norm(self.transform[:3, :3], axis=0)
+        # inv and not the transpose: axes may have a shear.
         rotation = FROM_OPENCV @ np.linalg.inv(axes)
         return rotation, -rotation @ self.transform[:3, 3]
 

@@ -35,6 +35,7 @@ def _view(position: ArrayLike, target: ArrayLike, up: ArrayLike) -> NDArray[np.f
         given = ", ".join(map(quoted, (position, target, up)))
         raise SolariError(f"Camera: position, target and up must be three numbers each, not {given}") from None
     with np.errstate(over="ignore", invalid="ignore"):
+        # Cameras look along -z.
         back = eye - aim
         right = np.cross(above, back)
         lengths = np.linalg.norm(back), np.linalg.norm(right)
@@ -78,6 +79,8 @@ def _ev100(value: Any) -> float:
 
 def exposure_of(ev100: float) -> float:
     """`Camera.exposure`."""
+    # Saturation-based sensitivity: the largest luminance of a sensor at EV100 is 1.2 * 2^EV100 (Lagarde and de
+    # Rousiers, "Moving Frostbite to Physically Based Rendering", 2014).
     return float(1.0 / (1.2 * 2.0**ev100))
 
 
@@ -221,6 +224,7 @@ class Camera(Checked, Placed, Calibrated):
         extent = float(np.linalg.norm(high - low)) or 1.0
         transform = camera.transform.copy()
         transform[:3, 3] = center + transform[:3, 2] * max(distance, 1e-3 * extent)
+        # The near plane in proportion to the box: a fixed one would cut small boxes.
         camera.update(transform=transform, near=max(1e-4 * extent, 1e-9))
         if orthographic:
             half_width, half_height = np.abs(seen[:, :2]).max(axis=0)
@@ -296,6 +300,7 @@ class Camera(Checked, Placed, Calibrated):
 
     def update(self, **fields: Any) -> None:
         """Assign several fields at once; nothing is changed if one of them is refused."""
+        # A number that someone sets ends the automatic choice.
         if "ev100" in fields and self._ready:
             fields.setdefault("auto_exposure", False)
         super().update(**fields)

@@ -46,6 +46,7 @@ class CameraRig(Hints):
         projection: two panoramas are stereo before and behind the body, and not at its sides.
         """
         shift = np.eye(4)
+        # Both move along the camera's own x axis, so that they stay parallel.
         pair = dict[str, Camera]()
         for name, side in (("left", -1), ("right", 1)):
             shift[0, 3] = side * baseline / 2

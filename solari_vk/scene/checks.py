@@ -32,6 +32,7 @@ LARGEST_TRANSFORM = 1e12  # the product of three axes must not overflow
 def real(value: Any, dtype: Any = None) -> NDArray[Any]:
     """An array of real numbers; numpy would drop imaginary parts, and take objects for numbers."""
     given = host_array(value)
+    # Booleans, integers and floats.
     if given.size and given.dtype.kind not in "biuf":
         raise ValueError(f"must be real numbers, not {given.dtype}")
     return given if dtype is None else given.astype(dtype)
@@ -118,6 +119,7 @@ def pixels(value: Any) -> NDArray[np.uint8]:
     given = host_array(value)
     if given.dtype.kind == "f":
         with np.errstate(over="ignore"):
+            # NaN fails both comparisons.
             parts = given.astype(np.float32)
         if not ((parts >= 0) & (parts <= 1)).all():
             raise ValueError("must lie between 0 and 1, or be integers of 8 bits")
@@ -180,6 +182,7 @@ def _web_color(text: str) -> list[float]:
     digits = text.removeprefix("#")
     if text[:1] != "#" or len(digits) not in (3, 6) or not set(digits) <= set("0123456789abcdefABCDEF"):
         raise ValueError(f"must be three numbers, one for gray, or '#rrggbb' or 'orange', not {quoted(text)}")
+    # "#rgb" is short for "#rrggbb".
     pairs = [2 * digit for digit in digits] if len(digits) == 3 else [digits[i : i + 2] for i in (0, 2, 4)]
     return [float(LINEAR_OF_SRGB[int(pair, 16)]) for pair in pairs]
 
@@ -192,6 +195,7 @@ def number(
     def convert(value: Any) -> float | None:
         if value is None and optional:
             return None
+        # An array of one number counts as the number.
         number = float(value.item() if isinstance(value, np.ndarray) and value.size == 1 else value)
         if not math.isfinite(number) or not low <= number <= high:
             limits = f"between {low:g} and {high:g}{unit and f' {unit}'}"
@@ -295,6 +299,7 @@ def affine_transform(value: ArrayLike) -> NDArray[np.float64]:
         raise ValueError(f"must be affine, with the last row 0 0 0 1, not {last}")
     if np.abs(matrix).max() > LARGEST_TRANSFORM:
         raise ValueError(f"must lie within {LARGEST_TRANSFORM:g}, or floats overflow on the device")
+    # Compared with the box that the axes would span at right angles, so that small scales aren't singular.
     lengths = math.hypot(a, d, g) * math.hypot(b, e, h) * math.hypot(c, f, i)
     determinant = a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g)
     if abs(determinant) <= 1e-9 * lengths:  # also if an axis has zero length

@@ -24,6 +24,7 @@ class Collection(Generic[Item]):
 
     def __init__(self, what: str, items: Iterable[Item] = ()) -> None:
         self._what = what
+        # A dict, because a set has no order.
         self._items: dict[Item, None] = dict.fromkeys(items)
         self._list: list[Item] | None = None  # the items as a list, until the next change
 
@@ -99,6 +100,7 @@ class Items(Collection[Item]):
         if item in self._items:
             raise SolariError(f"{item.describe()} is in the scene already: make another object to add it twice")
         later = [] if at is None else self._as_list()[at:]
+        # A dict keeps the order of insertion: what comes later is taken out and put in again.
         for other in (item, *later):
             self._items.pop(other, None)
             self._items[other] = None

@@ -22,6 +22,7 @@ def mean_emission(scene: Scene) -> float:
         if instance.visible and instance.material.emits:
             mesh, texture = instance.posed_mesh(), instance.material.emissive_texture
             a, b, c = transform_points(instance.transform, mesh.positions)[mesh.triangles].swapaxes(0, 1)
+            # The area of emissive triangles, times the mean of the texture over the whole image.
             bright = float(np.linalg.norm(np.cross(b - a, c - a), axis=1).sum()) / 2
             if texture is not None:
                 sums = luminance_sums(texture.image)
@@ -30,6 +31,7 @@ def mean_emission(scene: Scene) -> float:
     if total == 0:
         return 0.0
     x, y, z = scene.bounds.size
+    # The surface of the bounds: about what the light falls on.
     return total / (2 * float(x * y + y * z + z * x))
 
 
@@ -42,6 +44,7 @@ def luminance_sums(image: TextureImage) -> Sums:
     sums = np.zeros((height + 1, width + 1), np.int64)
     texels = sums[1:, 1:]
     for channel, weight in enumerate(LUMINANCE_WEIGHTS):
+        # Whole numbers, so that differences of large sums are exact.
         texels += np.rint(LINEAR_OF_SRGB * (weight * _STEPS)).astype(np.int64)[image.pixels[..., channel]]
     np.cumsum(texels, axis=0, out=texels)
     np.cumsum(texels, axis=1, out=texels)
@@ -56,6 +59,7 @@ def mean_luminances(mesh: Mesh, triangles: NDArray[np.uint32], texture: Texture,
     corners = (uvs @ m[:, :2].T + m[:, 2])[triangles]
     left, right = _texels(corners[..., 0], sums.shape[1] - 1, texture.wrap_u)
     top, bottom = _texels(corners[..., 1], sums.shape[0] - 1, texture.wrap_v)
+    # The sum over a box from the four corners of the table.
     boxes = sums[bottom, right] - sums[bottom, left] - sums[top, right] + sums[top, left]
     means: NDArray[np.float64] = boxes / ((right - left) * (bottom - top) * float(_STEPS))
     return means
@@ -68,10 +72,12 @@ def _texels(coordinates: NDArray[np.float64], size: int, wrap: str) -> tuple[NDA
     end = np.maximum(np.ceil(coordinates.max(axis=1) * size - _ROUNDING), first + 1)
     if wrap == "clamp_to_edge":
         return first.clip(0, size - 1).astype(np.int64), end.clip(1, size).astype(np.int64)
+    # In a mirrored period the second half runs backwards.
     period = 2 * size if wrap == "mirrored_repeat" else size
     first, length = first % period, end - first
     end = first + length
     mirrored = first >= size
     first, end = np.where(mirrored, period - end, first), np.where(mirrored, period - first, end)
     inside = (first >= 0) & (end <= size)
+    # Where a triangle reaches over the image's edge, all texels along the axis stand for it.
     return np.where(inside, first, 0).astype(np.int64), np.where(inside, end, size).astype(np.int64)

@@ -50,7 +50,8 @@ class Group(Scaled, Hints):
                 f"{self.describe()}: a group holds instances, lights with a place or direction, cameras "
                 f"and other groups, not {type(item).__name__}"
             )
-        if item is self or (isinstance(item, Group) and self in item._held()):
+        # Moves go down to all members, so that a group within itself would never end.
+        if item is self or (isinstance(item, Group) and self in item._members()):
             raise SolariError(f"{self.describe()}: a group can't be in itself: leave {item.describe()} out")
         if item not in self._items:
             self._items.append(item)
@@ -79,13 +80,13 @@ class Group(Scaled, Hints):
     @property
     def items(self) -> list[Any]:
         """The objects, each once, those of groups in the group in their place."""
-        return [item for item in self._held() if not isinstance(item, Group)]
+        return [item for item in self._members() if not isinstance(item, Group)]
 
-    def _held(self) -> dict[Any, None]:
+    def _members(self) -> dict[Any, None]:
         """The objects and groups in the group, and in those groups, each once."""
         found: dict[Any, None] = {}
         for item in self._items:
-            found |= {item: None} | (item._held() if isinstance(item, Group) else {})
+            found |= {item: None} | (item._members() if isinstance(item, Group) else {})
         return found
 
     @property
@@ -106,7 +107,7 @@ class Group(Scaled, Hints):
         moves = bool(fields)
         after = self._changed(fields, self._transform)
         if moves:
-            _move_all(self._held(), after @ np.linalg.inv(self._transform))
+            _move_all(self._members(), after @ np.linalg.inv(self._transform))
         self._place(after)
         if names:
             for item in self.items:
@@ -223,6 +224,7 @@ def _move(item: Any, move: NDArray[np.float64]) -> None:
     if isinstance(item, Instance):
         item.update(transform=move @ item.transform)
     if isinstance(item, Camera):
+        # A camera can't be scaled.
         position, turn, _ = parts(move @ item.transform)
         item.update(position=position, rotation=turn)
     if isinstance(item, Portal):
@@ -235,6 +237,7 @@ def _move(item: Any, move: NDArray[np.float64]) -> None:
 
 def distinct(name: str, taken: dict[str, int]) -> str:
     """The name, with a number if it is taken; then it is. taken: names, and the last number that each got."""
+    # The last number of each name is remembered: thousands of equal names take linear time.
     number, found = taken.get(name, 0), name
     while found in taken:
         number += 1

@@ -54,6 +54,7 @@ def find_labels(
     named = {pattern: _class(pattern, value, who) for pattern, value in given.items()}
     found, unused = dict[Instance, Class](), dict(named)
     for instance in instances:
+        # In the order of the file: the first pattern counts.
         fitting = [pattern for pattern in named if fits(instance, pattern, floor)]
         for pattern in fitting:
             unused.pop(pattern, None)

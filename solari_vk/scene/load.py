@@ -59,6 +59,7 @@ def open(path: str | os.PathLike[str], *, environment: str = "auto", **options: 
     if not is_builtin:
         scene._meters = not in_studio
         for camera in scene.cameras:
+            # A camera with an exposure of its own keeps it, if it doesn't ask for another.
             meters = not in_studio and (camera.auto_exposure or not camera.has_exposure)
             camera.update(ev100=float(camera.ev100), auto_exposure=meters)  # ev100 counts as set now
     return scene

@@ -24,6 +24,7 @@ def unit(vectors: ArrayLike) -> NDArray[np.float64]:
 
 def orthogonal(normals: NDArray[Any]) -> NDArray[np.float64]:
     """A unit vector orthogonal to each of the normals (N, 3)."""
+    # The axis that is farthest from the normal, so that the cross product keeps its digits.
     least_aligned = np.eye(3)[np.argmin(np.abs(normals), axis=1)]
     return unit(np.cross(least_aligned, normals))
 
@@ -82,6 +83,7 @@ def compose(translations: NDArray[Any], rotations: NDArray[Any], scales: NDArray
 @np.errstate(over="ignore", invalid="ignore", divide="ignore")
 def upright(world: NDArray[Any]) -> NDArray[np.float64] | None:
     """The matrix without scale and shear, with the same view along -z and the same up; None if that is degenerate."""
+    # z and y are kept in this order: the view matters more than where up is.
     back = world[:3, 2] / np.linalg.norm(world[:3, 2])
     right = np.cross(world[:3, 1], back)
     right /= np.linalg.norm(right)
@@ -93,6 +95,7 @@ def upright(world: NDArray[Any]) -> NDArray[np.float64] | None:
 
 def nearest_rotation(matrix: NDArray[Any]) -> NDArray[np.float64]:
     """The rotation (3, 3) nearest to a matrix that doesn't mirror."""
+    # The polar decomposition: the rotation part is nearest in the Frobenius norm (Higham, 1986).
     left, _, right = np.linalg.svd(matrix)
     found: NDArray[np.float64] = left @ right
     return found
@@ -130,6 +133,7 @@ def placed_box(
     grows. In plain numbers, which is fastest for one box."""
     (a, b, c, x), (d, e, f, y), (g, h, i, z), _ = transform.tolist()
     p, q, r = center.tolist()
+    # Arvo, "Transforming Axis-Aligned Bounding Boxes" (Graphics Gems, 1990).
     place = a * p + b * q + c * r + x, d * p + e * q + f * r + y, g * p + h * q + i * r + z
     p, q, r = half_size.tolist()
     half = (

@@ -95,6 +95,7 @@ class Scene(Grouping, Observable):
             kind = type(environment).__name__
             raise SolariError(f"{self.describe()}: environment must be an Environment, Sky, path or None, not {kind}")
         before = self.environment
+        # A Sky brings its sun, which goes with it.
         for light in before.lights if before else ():
             if light in self._lights:
                 self._lights.remove(light)
@@ -210,6 +211,7 @@ class Scene(Grouping, Observable):
         """Add copies of a scene's instances and lights, as one group."""
         if len(source.animations):
             warn(f"{source.describe()}: its clips aren't added; open a file to play them")
+        # The floor of a studio belongs to its pictures, not to what is added.
         shown = [instance for instance in source if instance is not source.backdrop]
         environment = set(source.environment.lights) if source.environment else set()  # with the sun of a Sky
         lights = [light for light in source.lights if light not in environment]
@@ -303,6 +305,7 @@ class Scene(Grouping, Observable):
             camera = default_camera(poses(self, self._shown_instances, clip), aspect, turns)
             if camera is None:
                 return Camera()
+            # Set by `open`: the camera is framed later, for the picture's shape.
             if self._meters is not None:
                 camera.update(ev100=0.0, auto_exposure=self._meters)
             self._camera = camera

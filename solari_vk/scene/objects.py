@@ -122,6 +122,7 @@ class Mesh(TensorFields):
         positions, triangles = mesh.vertices, mesh.faces
         colors = None
         if mesh.visual.kind == "face":
+            # A vertex has one color, so that faces of different colors can't share any.
             corners = mesh.faces.ravel()
             positions, triangles = positions[corners], np.arange(len(corners)).reshape(-1, 3)
             normals = None if normals is None else normals[corners]
@@ -134,6 +135,7 @@ class Mesh(TensorFields):
             positions,
             triangles,
             normals=normals,
+            # In trimesh v increases upwards.
             uvs=None if uvs is None else np.array([0, 1], np.float32) + np.array([1, -1], np.float32) * uvs,
             colors=colors,
             name=str(mesh.metadata.get("name") or ""),
@@ -157,6 +159,7 @@ class Mesh(TensorFields):
         if self.deformation is not None:
             self.deformation.check(count, None, None, self.describe())
         if by_default:
+            # Marked as made here, so that another number of positions makes others.
             every_three = np.arange(count, dtype=np.uint32).reshape(-1, 3)
             every_three.setflags(write=False)
             object.__setattr__(self, "triangles", every_three)
@@ -234,6 +237,7 @@ class Instance(Checked, Scaled):
             return "blend"  # to rays, which decide at each hit whether they pass
         if material.alpha_mode == "opaque":
             return "opaque"
+        # No point has less alpha than the product of the least values: if that is enough, all of the surface is opaque.
         least = material.alpha * min(self.mesh.least_alpha, (self.ray_mesh or self.mesh).least_alpha)
         if material.base_color_texture is not None:
             least *= material.base_color_texture.image.least_alpha

@@ -32,6 +32,7 @@ class Observable(Hints):
     def watch(self, watcher: Watcher) -> None:
         """Have `watcher.note(self)` called on every change, for as long as the watcher lives."""
         self.unwatch(watcher)
+        # Past our own __setattr__, which is for fields.
         object.__setattr__(self, "_watchers", (*self._watchers, weakref.ref(watcher)))
 
     def unwatch(self, watcher: Watcher) -> None:
@@ -136,6 +137,7 @@ class Checked(Observable):
     def _by_field(cls, given: dict[str, Any], current: Checked | None = None) -> dict[str, Any]:
         """Replace aliases and derived names by the fields' names. Raises SolariError for an unknown name, and for a
         field given twice. current: the object that is changed, None for one that is made."""
+        # The usual case, first: objects of large scenes are made with the fields' own names.
         if given.keys() <= cls._names.keys():
             return given
         names: dict[str, str] = {}  # by field: the name that was given
@@ -188,8 +190,10 @@ def checked(kind: Kind) -> Kind:
         init(self, *values, **type(self)._by_field(fields))
 
     with_aliases.__signature__ = _with_defaults(init, kind._defaults)  # type: ignore[attr-defined]
+    # The dataclass makes its constructor before; now it also takes other names.
     setattr(kind, "__init__", with_aliases)  # noqa: B010
     for name in vars(kind).keys() & set(kind._tensor_fields):
+        # Or __getattr__, which finds tensors, would not be asked.
         delattr(kind, name)  # the default
     for alias, name in kind._aliases.items():
         setattr(kind, alias, property(operator.attrgetter(name), doc=f"Another name of `{name}`."))

@@ -24,6 +24,7 @@ def rotation_matrix(value: Any) -> NDArray[np.float64]:
         return rotation((0, 1, 0), float(given))
     if given.shape == (4,) and given.any():
         return np.array(quaternion_rotation(*unit(given)))
+    # A tolerance for matrices of 32 bits, and those from files.
     is_rotation = given.shape == (3, 3) and np.abs(given @ given.T - np.eye(3)).max() <= _ROTATION_ERROR
     if not is_rotation or not np.linalg.det(given) > 0:
         raise ValueError(
@@ -46,6 +47,7 @@ def parts(transform: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[
     """The position (3,), the rotation (3, 3) and the scale (3,) of a transform; what mirrors does so along x first."""
     axes = transform[:3, :3]
     scale = np.linalg.norm(axes, axis=0)
+    # A rotation has a positive determinant. Which axis mirrors can't be told; x is taken.
     mirror = (np.sign(np.linalg.det(axes)), 1, 1)
     return transform[:3, 3].copy(), nearest_rotation(axes / scale * mirror), scale
 
@@ -74,9 +76,11 @@ def placed(
     made = values["transform"].copy()
     _, turn, size = parts(made)
     if scale is not None:
+        # Columns of the matrix are the axes: their lengths change, not their directions.
         made[:3, :3] *= values["scale"] / size
         _, turn, size = parts(made)
     if rotation is not None:
+        # The present rotation is undone from the left, so that shear and mirroring stay.
         made[:3, :3] = values["rotation"] @ turn.T @ made[:3, :3]
     if position is not None:
         made[:3, 3] = values["position"]

@@ -89,6 +89,7 @@ def box(low: ArrayLike | None = None, high: ArrayLike | None = None, inward: boo
         for sign in (-1.0, 1.0):
             face = center.copy()
             face[axis] += sign * half[axis]
+            # Corners run counter-clockwise seen from outside, or from inside if it faces inward.
             side = u if (sign > 0) != inward else -u
             faces.append([face - side - v, face + side - v, face + side + v, face - side + v])
     return polygons(*faces, name="box")
@@ -109,6 +110,7 @@ def sphere(radius: float = 1.0, segments: int = 32) -> Mesh:
     sine = np.where((row == 0) | (row == rings), 0.0, np.sin(polar))
     directions = np.stack([sine * np.sin(turn), np.cos(polar), sine * np.cos(turn)], axis=1)
     indices = []
+    # Two triangles for each quad, but one at the poles.
     for ring, segment in product(range(rings), range(segments)):
         first = ring * (segments + 1) + segment
         below = first + segments + 1
@@ -203,6 +205,7 @@ def _check_segments(shape: str, segments: object, least: int = 3) -> None:
 def _arc(steps: int) -> NDArray[np.float64]:
     """Points (steps + 1, 2) of the unit circle, radius and height, from the top outwards and back, exactly closed."""
     turn = 2 * math.pi * (np.arange(steps + 1) % steps) / steps
+    # Sine and cosine aren't exactly 0 at multiples of pi / 2, and the axis of a revolved shape must be.
     points = np.stack([np.sin(turn), np.cos(turn)], axis=1)
     return np.where(np.abs(points) < 1e-12, 0, points)
 
@@ -220,6 +223,7 @@ def _revolved(profile: ArrayLike, normals: ArrayLike, segments: int, name: str) 
     for row in np.flatnonzero(steps > 0).tolist():
         for first in range(row * (segments + 1), row * (segments + 1) + segments):
             below = first + segments + 1
+            # On the axis all points of a row are one: no triangle.
             if points[row + 1, 0] > 0:
                 indices.append((first, below, below + 1))
             if points[row, 0] > 0:

@@ -72,6 +72,7 @@ class Shutter:
         evenly as it can: in the order of van der Corput's sequence."""
         times = min(self.time_samples, samples)
         bands = min(self.row_bands, height) if self.readout else 1
+        # The ranks of the sequence's numbers are an order of all parts, in which each start of it is spread evenly.
         parts = np.argsort(np.argsort([radical_inverse(number, 2) for number in range(times)]))
         within = np.random.default_rng((seed, 0x5407)).uniform(size=(times, bands))
         for number, part in enumerate(parts.tolist()):
@@ -89,13 +90,16 @@ class Shutter:
         Times of successive numbers cover the exposures of all rows evenly. A rolling shutter exposes rows for
         `readout` / `row_bands` at least.
         """
+        # Steps of the golden ratio: any number of successive times lies evenly.
         share = additive(number, GOLDEN_STEP)
         lasts = self.close - self.open
         if abs(self.readout) < AT_ONCE:
             return self.open + share * lasts, (0, height)
+        # A realtime frame shows at least one band of rows, or a short exposure would be in no frame.
         longer = max(abs(self.readout) / min(self.row_bands, height) - lasts, 0.0)
         lasts += longer
         later = min(self.readout, 0.0) + share * (lasts + abs(self.readout))  # than the first row's exposure begins
+        # The rows whose exposures contain the time, by the centers of rows; readouts may run upwards.
         first, last = sorted(height * (later - edge) / self.readout - 0.5 for edge in (0.0, lasts))
         rows = max(math.ceil(first), 0), max(min(math.floor(last) + 1, height), 0)
         return self.open - longer / 2 + later, rows

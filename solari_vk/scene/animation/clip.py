@@ -66,6 +66,7 @@ class Animation(Checked):
             raise SolariError(f"{self.describe()}: the time must be a finite number of seconds, not {quoted(given)}")
         duration = self.duration
         if loop and duration > 0:
+            # In clips without a duration there is nothing to repeat.
             seconds %= duration
         found: Any = self._tracks  # type: ignore[attr-defined]
         return [(track.nodes, track.path, track.at(seconds)) for track in found]
@@ -82,6 +83,7 @@ def mix(scene: HasLights, parts: Sequence[tuple[Animation, float, float]], *, lo
     shares = _shares([_number(weight) for _, _, weight in parts])
     if any(clip.rig is not clips[0].rig for clip in clips):
         raise SolariError("only animations of one rig can be mixed, such as those of one file")
+    # All are sampled before the scene changes, so that an error leaves it as it was.
     samples = [clip.samples(seconds, loop=loop) for clip, seconds, _ in parts]
     try:
         clips[0].rig.pose(scene.lights, [part for part in zip(shares, samples, strict=True) if part[0] > 0])

@@ -70,6 +70,7 @@ class Track:
         self.path = channels[0].path
         self._interpolation = channels[0].interpolation
         times = [tuple(channel.times) for channel in channels]
+        # The place in each list of times is found once, not for each channel.
         different = dict.fromkeys(times)  # in most files many channels have the same times
         self._times = list(different)
         numbers = {known: number for number, known in enumerate(different)}
@@ -123,6 +124,7 @@ def tracks(channels: Iterable[Channel]) -> list[Track]:
     seen: dict[tuple[int, str], int] = {}
     for channel in channels:
         target = channel.node, channel.path
+        # Channels of one target must be applied in their order, so that the last counts.
         seen[target] = seen.get(target, -1) + 1
         key = channel.path, channel.interpolation, channel.values.shape[-1], seen[target]
         groups.setdefault(key, []).append(channel)

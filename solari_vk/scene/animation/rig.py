@@ -213,8 +213,10 @@ class Rig:
         shown = pose.visible.copy()
         moved = np.flatnonzero(pose.moved)
         worlds[moved] = compose(*(pose.parts[name][moved] for name in ("translation", "rotation", "scale")))
+        # What is above the rig never moves.
         worlds[self._roots] = self.bases[self._roots] @ worlds[self._roots]
         shown[self._roots] &= self.bases_visible[self._roots]
+        # All nodes of a step at once: their ancestors reach twice as far up after each step.
         for nodes, above in self._jumps:
             worlds[nodes] = worlds[above] @ worlds[nodes]
             shown[nodes] &= shown[above]
@@ -225,6 +227,7 @@ class Rig:
         if not self.sides:
             return
         nodes, before = np.array(list(self.sides.values())).T
+        # Only skins need this: others have the mirroring in their own transform.
         now = np.sign(np.linalg.det(worlds[nodes, :3, :3]))
         for instance, changed in zip(list(self.sides), now == -before, strict=True):
             if changed:

@@ -54,6 +54,7 @@ def load_colmap(folder: str | os.PathLike[str]) -> list[ColmapImage]:
         if not words:
             continue
         try:
+            # COLMAP's quaternions have w first, and turn from the world to the camera.
             w, x, y, z, *shift = (float(word) for word in words[1:8])
             where, name = words[8], words[9]
         except (ValueError, IndexError):
@@ -86,6 +87,7 @@ def _image(
     try:
         size = int(words[1]), int(words[2])
         fx, *rest = (float(word) for word in words[3:])
+        # Simple models have one focal length for both axes.
         fy, cx, cy, *terms = [fx, *rest] if is_simple else rest
         distortion = np.zeros(8)
         for place, term in zip(places, terms, strict=True):
@@ -127,6 +129,7 @@ def save_colmap(
         lens = lenses.setdefault(_lens(camera, size), len(lenses) + 1)
         rotation, shift = camera.extrinsics()
         pose = " ".join(f"{value:.17g}" for value in (*_quaternion(rotation), *shift))
+        # An empty second line: no points of the picture.
         images.append(f"{number} {pose} {lens} {name}\n\n")
     make_folder(Path(folder))
     lines = (f"{number} {lens}\n" for lens, number in lenses.items())
@@ -159,6 +162,7 @@ def _lens(camera: Camera, size: tuple[int, int]) -> str:
 
 def _quaternion(rotation: np.ndarray) -> tuple[float, ...]:
     """w, x, y, z of a rotation: the eigenvector of Bar-Itzhack, "New Method for Extracting the Quaternion" (2000)."""
+    # The largest eigenvalue's vector also fits a matrix that is a rotation only up to rounding.
     (a, b, c), (d, e, f), (g, h, i) = rotation.tolist()
     k = np.array(
         [

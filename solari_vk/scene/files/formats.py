@@ -89,6 +89,7 @@ def read_file(
         raise SolariError(
             f"{path}: {suffix or 'a file without an ending'} is not read: give a file of {', '.join(_READERS)}"
         )
+    # An option that is left out has the reader's own default.
     given = {name: value for name, value in options.items() if value is not None}
     for other in _READERS.values():
         if given.keys() & set(other.options) - set(reader.options):

@@ -137,6 +137,7 @@ def _add(
         return
     if triangles.min() < 0 or triangles.max() >= len(positions):
         raise SolariError(f"{path}: '{name}' has triangles of vertices that don't exist: export the file again")
+    # Before the normals are made, whose arrays are the largest.
     working = _WORKING_BYTES * len(triangles)
     charge(_BYTES_PER_TRIANGLE * len(triangles), f"{path}: '{name}'", f"{len(triangles):,} triangles", working=working)
     positions = positions @ turn.T
@@ -200,6 +201,7 @@ def _colors(given: Any, count: int) -> NDArray[np.float32] | None:
     colors = _rows(given, 3, count)
     if colors is None:
         return None
+    # Integers are codes of 8 bits, floats are in [0, 1].
     codes = colors if np.asarray(given).dtype.kind in "iu" else 255 * colors
     linear: NDArray[np.float32] = LINEAR_OF_SRGB[np.rint(np.clip(codes, 0, 255)).astype(np.int64)]
     return linear
@@ -214,6 +216,7 @@ def _upright(up: str) -> NDArray[np.float64]:
 def _check_ply(data: bytes, who: str) -> None:
     """Charge what reading a .ply file takes. Raises SolariError for a header that says more than the file can have: the
     reader of trimesh would believe it, and take memory and time for it."""
+    # The counts of the header, which the reader would allocate for, must fit into the file.
     header = _PLY_HEADER.match(data)
     if header is None:
         raise SolariError(f"{who}: its header is missing or too long: export it again")

@@ -60,6 +60,7 @@ class MtlFiles:
             elif fields:
                 current[key] = value.strip()
         self.fields |= fields
+        # The reader of .obj files needs the names, to tell materials apart; images it would read without our limits.
         return "".join(f"newmtl {name}\n" for name in fields).encode()
 
     __getitem__ = get
@@ -133,6 +134,7 @@ class MtlFiles:
         name = name.replace("\\", "/")
         folder = Path(os.path.realpath(self._folder))
         try:
+            # Links are followed before the path is compared with the folder.
             path = Path(os.path.realpath(folder / name))
         except (OSError, ValueError):
             raise SolariError(f"no file can have the name {quoted(name)}") from None

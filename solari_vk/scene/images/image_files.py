@@ -29,6 +29,7 @@ _BYTE_OF_16_BITS = np.rint(np.arange(2**16) / 257).astype(np.uint8)
 def open_image(data: bytes | memoryview, who: str) -> Any:
     """Open an image, check its header and charge its pixels; `decode` reads them. `who` names the image in errors."""
     image: Any
+    # By content, not by suffix: glTF files name their images wrongly often enough.
     if data[:12] == ktx2.IDENTIFIER:
         image = ktx2.Ktx2Image(bytes(data), who)
     elif data[:12] == ktx2.IDENTIFIER_OF_KTX_1:
@@ -97,6 +98,7 @@ def decode(image: Any, who: str, *, linear: bool = False) -> Pixels:
             return _decode_dds(image, who)
         if image.mode in ("I;16", "I;16B", "I;16L", "I"):
             # Pillow's own conversion of 16-bit gray to RGBA clips at 255.
+            # _BYTE_OF_16_BITS divides by 257, which maps 65535 to 255.
             gray = np.asarray(image)
             pixels = np.full((*gray.shape, 4), 255, np.uint8)
             pixels[..., :3] = np.take(_BYTE_OF_16_BITS, gray, mode="clip")[..., None]
@@ -123,6 +125,7 @@ def _decode_dds(image: Any, who: str) -> Pixels:
         return _decode_masked_dds(image, who)
     pixels = np.array(image if image.mode == "RGBA" else image.convert("RGBA"))
     if form.startswith("BC5"):
+        # Codes 0 to 255 are -1 to 1. z of a unit normal follows from x and y, and points outwards.
         x, y = np.moveaxis(pixels[..., :2] / np.float32(127.5) - 1, -1, 0)
         pixels[..., 2] = np.rint((np.sqrt(np.clip(1 - x * x - y * y, 0, 1)) + 1) * 127.5)
     return pixels
@@ -135,6 +138,7 @@ def _decode_masked_dds(image: Any, who: str) -> Pixels:
     data = image.fp.read(size)
     if bits not in (8, 16, 24, 32) or len(data) < size:
         raise SolariError(f"{who} is a damaged DDS image: save it again")
+    # Whole numbers with the lowest byte first, of which each channel has the bits of its mask.
     places = np.frombuffer(data, np.uint8).reshape(image.height, image.width, bits // 8)
     number = sum(places[..., byte].astype(np.uint32) << np.uint32(8 * byte) for byte in range(bits // 8))
     pixels = np.full((image.height, image.width, 4), 255, np.uint8)
@@ -145,6 +149,7 @@ def _decode_masked_dds(image: Any, who: str) -> Pixels:
 
 def _codes(values: NDArray[np.float32], linear: bool) -> Pixels:
     """The pixels (H, W, 4) of linear values (H, W, 3 or 4); NaN is 0."""
+    # Infinity becomes 1 by clipping.
     light = np.nan_to_num(values, nan=0.0).clip(0, 1)
     pixels = np.full((*light.shape[:2], 4), 255, np.uint8)
     pixels[..., : light.shape[2]] = np.rint(light * 255)

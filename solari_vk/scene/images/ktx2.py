@@ -30,6 +30,7 @@ class Ktx2Image:
         """Raises SolariError for what isn't one picture in a format that can be read. who: names it in errors."""
         if len(data) < 104:
             raise SolariError(f"{who} is a truncated KTX2 file: copy it again")
+        # KTX 2.0, section 3: after the identifier nine numbers, then the index of the sections, then the levels.
         header = struct.unpack_from("<9I", data, 12)
         self._format, _, self.width, self.height, depth, layers, faces, _, self._scheme = header
         if depth or layers > 1 or faces != 1 or not (self.width and self.height):
@@ -41,6 +42,7 @@ class Ktx2Image:
                 f"{who} is a KTX2 file of the VkFormat {self._format} with the compression "
                 f"{self._scheme}: save it with 8 bits a channel or as Basis Universal"
             )
+        # The first entry is the largest level: its place, its size, and its size without compression.
         start, size, self._plain_size = struct.unpack_from("<3Q", data, 80)
         if start + size > len(data):
             raise SolariError(f"{who} is a truncated KTX2 file: copy it again")
@@ -53,6 +55,7 @@ class Ktx2Image:
 
     def _basis_pixels(self, who: str) -> NDArray[np.uint8]:
         blocks = -(-self.width // 4) * -(-self.height // 4)
+        # UASTC has 16 bytes for each 4 x 4 pixels, known before anything is expanded.
         if self._scheme != _BASIS_LZ and self._plain_size > blocks * _BLOCK_BYTES:
             raise SolariError(f"{who} is a KTX2 file that expands to more than its size: save it again")
         opengl_basisu = library("opengl_basisu", f"{who} (Basis Universal)")

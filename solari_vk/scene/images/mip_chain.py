@@ -12,6 +12,7 @@ Pixels = NDArray[np.uint8]
 
 def _srgb_to_linear() -> NDArray[np.float32]:
     value = np.arange(256) / 255
+    # IEC 61966-2-1: sRGB.
     return np.where(value <= 0.04045, value / 12.92, ((value + 0.055) / 1.055) ** 2.4).astype(np.float32)
 
 
@@ -54,6 +55,7 @@ def _to_light(pixels: Pixels, srgb: bool) -> NDArray[np.float32]:
 
 
 def _from_light(light: NDArray[np.float32], srgb: bool) -> Pixels:
+    # Casts to integers cut off.
     rounded = light + np.float32(0.5)
     if not srgb:
         return rounded.astype(np.uint8)

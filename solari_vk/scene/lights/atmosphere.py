@@ -57,8 +57,8 @@ class Atmosphere:
         """Of rays to the top, over the radius (32) and the ray's length (128), in the coordinates of `_place`."""
         horizon = np.sqrt(TOP**2 - GROUND**2)
         radius = np.sqrt((np.linspace(0, 1, 32)[:, None] * horizon) ** 2 + GROUND**2)
-        # Bruneton and Neyret, section 4: rays are told apart by the length of their way to the top, from straight up to
-        # along the horizon, which spends the table where the transmittance changes fast.
+        # As in Bruneton's implementation of 2017, rays are told apart by the length of their way to the top, from
+        # straight up to along the horizon, which spends the table where the transmittance changes fast.
         shortest, longest = TOP - radius, np.sqrt(np.maximum(radius**2 - GROUND**2, 0)) + horizon
         length = shortest + np.linspace(0, 1, 128) * (longest - shortest)
         cosine = np.ones_like(length)
@@ -92,8 +92,8 @@ class Atmosphere:
         cosine = np.broadcast_to(np.linspace(-0.3, 1, 32), (16, 32))
         radius = np.broadcast_to(GROUND + height, cosine.shape)
         up = 1 - 2 * (np.arange(8) + 0.5) / 8
-        # 64 directions over the sphere, as in the paper, of which half are computed.
-        turn = np.pi * (np.arange(8) + 0.5) / 8  # the other half is the mirror image
+        # 64 directions, as in the paper, over one half of the sphere. The other half is its mirror image.
+        turn = np.pi * (np.arange(8) + 0.5) / 8
         up, turn = (axis.ravel() for axis in np.meshgrid(up, turn))
         shape = (*radius.shape, len(up))
         radius, cosine = (np.broadcast_to(of[..., None], shape) for of in (radius, cosine))

@@ -55,6 +55,7 @@ class EnvironmentLight(Light):
 
     def _facts(self) -> tuple[FloatArray, float, NDArray[np.float64]]:
         """The image, its flux and its brightest direction, computed once for each image."""
+        # By identity: images are read-only, a change is another image.
         if self._known is None or self._known[0] is not self.image:
             size = self.image.shape[:2]
             light = luminances(self.image) * solid_angles(*size)
@@ -80,6 +81,7 @@ def _image(value: Any) -> FloatArray:
     if image.min() < 0:
         where = tuple(int(i) for i in np.argwhere(image < 0)[0])
         raise ValueError(f"must not be negative, but element {where} is {image[where]}")
+    # Sampling needs tables of the map's size.
     while image.shape[0] * image.shape[1] > MOST_TEXELS:
         image = _halved(_halved(image, 0), 1)
         image.setflags(write=False)
@@ -92,6 +94,7 @@ def _halved(image: FloatArray, axis: int) -> FloatArray:
         return image
     starts = np.arange(0, image.shape[axis], 2)
     counts = np.diff(np.append(starts, image.shape[axis])).astype(np.float32)
+    # An odd size has a last row or column alone, so that no light is lost.
     sums = np.add.reduceat(image, starts, axis=axis)
     return (sums / counts.reshape(-1, *[1] * (2 - axis))).astype(np.float32)
 
@@ -158,5 +161,6 @@ def directions(height: int, width: int) -> NDArray[np.float64]:
 
 def solid_angles(height: int, width: int) -> NDArray[np.float64]:
     """The solid angles (height, 1) of the texels of each row; their sum over all texels is 4 pi."""
+    # The area of a zone of the unit sphere is its height times the circle's length: Archimedes.
     edges = np.cos(np.pi * np.arange(height + 1) / height)
     return ((edges[:-1] - edges[1:]) * (2 * np.pi / width))[:, None]

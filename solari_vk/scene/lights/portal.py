@@ -67,6 +67,7 @@ class Portal(Light):
         center = corners.mean(axis=0)
         # Of four corners around the center of a parallelogram, one is opposite to the first, the others to each other.
         apart = corners - center
+        # Opposite corners are each other's negatives around the center.
         opposite = np.abs(apart + apart[:1]).max(axis=1)
         fits = len(corners) == 4 and opposite.min() <= _FLATNESS * np.linalg.norm(apart[0])
         if not fits:
@@ -76,6 +77,7 @@ class Portal(Light):
             )
         beside = np.delete(apart, [0, opposite.argmin()], axis=0)[0]
         center, first, second = transform_points(matrix, np.stack([center, corners[0], center + beside]))
+        # Neighboring corners are sum and difference of the half sides.
         a, b = first - center, second - center
         return cls(center, (a - b) / 2, (a + b) / 2, name=name or getattr(mesh, "name", ""))
 
@@ -117,6 +119,7 @@ class Portal(Light):
         """What is wrong with half sides; "" if they span a portal."""
         sides = np.stack([half_u, half_v]).astype(np.float64)
         lengths = np.linalg.norm(sides, axis=1)
+        # Written so that NaN is a fault too.
         if not (lengths.min() >= LEAST_SIDE and lengths.max() <= LARGEST_SIDE):
             return f"half_u and half_v must be from {LEAST_SIDE:g} to {LARGEST_SIDE:g} m long"
         if np.linalg.norm(np.cross(*sides)) < _LEAST_SINE * lengths.prod():

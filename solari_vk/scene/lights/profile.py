@@ -93,6 +93,7 @@ class LightProfile:
         Factors for tilted lamps (TILT) aren't applied: `remark` is called with words that say so, by default a warning.
         """
         charge(_BYTES_PER_NUMBER * (len(data) - len(data.translate(None, _SEPARATORS))), name, "its numbers")
+        # LM-63: header lines, TILT=, and then numbers that may be broken into lines anywhere.
         lines = data[: LARGEST_FILE + 1].rstrip(b"\x1a").decode("latin-1").splitlines()  # DOS ends files by \x1a
         tilt = next((number for number, line in enumerate(lines) if line.lstrip().upper().startswith("TILT=")), None)
         if len(data) > LARGEST_FILE or tilt is None:
@@ -101,6 +102,7 @@ class LightProfile:
         kind = lines[tilt].split("=", 1)[1].strip().upper()
         if kind == "INCLUDE":
             numbers.take(1)
+            # The lamp's position, the number of angles, the angles, and a factor for each.
             count = numbers.count("angles of tilt")
             numbers.take(2 * count)
         if kind != "NONE":
@@ -109,19 +111,23 @@ class LightProfile:
             else:
                 remark(TILT_REMARK)
         numbers.take(2)
+        # After the number of lamps and their lumens.
         factor = numbers.factor("the multiplier")
         rows, columns = numbers.count("vertical angles"), numbers.count("horizontal angles")
         [photometry] = numbers.take(1)
         if photometry not in _TYPES:
             raise SolariError(f"{name}: the photometric type must be 1, 2 or 3 (C, B or A), not {photometry:g}")
+        # The units and the sizes of the opening, which a point doesn't have.
         numbers.take(4)
         factor *= numbers.factor("the ballast factor")
+        # In place of the photometric factor, later files have one that is reserved, or say how they were made.
         if lines[0].strip().upper().startswith(_WITHOUT_PHOTOMETRIC_FACTOR):
             numbers.take(1)
         else:
             factor *= numbers.factor("the ballast-lamp photometric factor")
         numbers.take(1)
         vertical, horizontal = numbers.take(rows), numbers.take(columns)
+        # For each horizontal angle the candelas at all vertical ones.
         candelas = numbers.take(rows * columns).reshape(columns, rows) * factor
         return cls(vertical, horizontal, candelas, _TYPES[int(photometry)], name=name)
 
@@ -142,12 +148,15 @@ class LightProfile:
                 f"{self.name}: angles only {min(finest.min(), around):g} degrees apart are too close: narrow "
                 "beams may lose light: leave angles out"
             )
+        # A row is a mean if the given angles are finer than the table on either side of it.
         fine = np.pad(np.isfinite(finest), 1)
         means = fine[:-1] | fine[1:]
         sums, weights = np.zeros_like(table), np.zeros((ROWS, 1))
         for gap in np.flatnonzero(means[:-1] | means[1:]):
             count = int(np.clip(np.ceil(4 * _STEP / finest[gap]), 8, most))
             along = (np.arange(count) + 0.5) / count
+            # Each sample counts for both rows around it, as much as linear interpolation takes of them, by its ring's
+            # area: the flux stays.
             light, area = self._rings((gap + along) * step), np.sin((gap + along) * step)
             for row, share in ((gap, (1 - along) * area), (gap + 1, along * area)):
                 sums[row] += share @ light / count
@@ -161,6 +170,7 @@ class LightProfile:
     def solid_angle(self) -> float:
         """The integral of intensities over all directions, divided by the largest one, in steradians."""
         step = math.radians(_STEP)
+        # The integral of sin(angle) times the hat function of each row, on which interpolation is linear.
         areas = np.sin(np.linspace(0, math.pi, ROWS)) * (2 - 2 * math.cos(step)) / step
         areas[[0, -1]] = 1 - math.sin(step) / step  # of each row, which counts up to the next ones
         return float(2 * math.pi * areas @ self.shares.mean(axis=1, dtype=np.float64))
@@ -193,6 +203,7 @@ class LightProfile:
             return finest, around if around < 1 else math.inf
         around = min(around, float(steps.min(initial=np.inf)))
         around = around if around < _STEP else math.inf
+        # Neither angle alone is the one from the axis; both together are no less than it.
         reach = abs(self.vertical).max() + abs(self.horizontal).max()  # beyond this polar angle it is dark
         finest[: min(math.ceil(reach / _STEP), ROWS // 2)] = around
         return finest, around
@@ -216,6 +227,7 @@ class LightProfile:
         """The intensity in directions by their angles of type C, in radians, in cd."""
         if self.photometry == "C":
             return self._interpolated(*np.broadcast_arrays(np.degrees(vertical), self._plane(np.degrees(horizontal))))
+        # Types A and B: a direction by its parts along the two axes of the lamp and to the right.
         forward, up = np.cos(vertical), np.sin(vertical) * np.cos(horizontal)
         right = -np.sin(vertical) * np.sin(horizontal)
         if self.photometry == "B":
@@ -233,6 +245,7 @@ class LightProfile:
         first, last = self.horizontal[0], self.horizontal[-1]
         if first == last:
             return np.full_like(horizontal, first)
+        # LM-63: one half from 90 to 270 degrees, whose mirror is the plane from 90 to 270.
         if first == 90:
             return np.where((horizontal < 90) | (horizontal > 270), (180 - horizontal) % 360, horizontal)
         folded = np.minimum(horizontal, 360 - horizontal) if last < 360 else horizontal
@@ -240,6 +253,7 @@ class LightProfile:
 
     def _interpolated(self, vertical: FloatArray, horizontal: FloatArray) -> FloatArray:
         """Between the four measured directions around; 0 outside."""
+        # Bilinear between the four measured directions around.
         row, along = _between(self.vertical, vertical)
         column, across = _between(self.horizontal, horizontal)
         below, right = np.minimum(row + 1, len(self.vertical) - 1), np.minimum(column + 1, len(self.horizontal) - 1)

@@ -57,6 +57,7 @@ class PunctualLight(Light):
                 flux = checks.number(0, 1e15, "lm")(given.pop("lumens"))
             except (TypeError, ValueError) as error:
                 raise SolariError(f"{cls.__name__}: lumens {error}") from None
+            # Of the cone or profile that is given with the lumens, else of the present one.
             given["intensity"] = flux / cls._solid_angle_of(given, current)
         return given
 
@@ -154,6 +155,7 @@ class PointLight(PunctualLight):
 
     @classmethod
     def _solid_angle_of(cls, given: dict[str, Any], current: Any) -> float:
+        # Without a profile the same in all directions.
         profile = given.get("profile", getattr(current, "profile", None))
         return profile.solid_angle if isinstance(profile, LightProfile) else 4 * math.pi
 
@@ -209,6 +211,7 @@ class SpotLight(PunctualLight):
         """A scale and an offset. In a direction whose cosine to the axis is c, the share of the intensity is
         clamp(scale c + offset, 0, 1)^2."""
         inner, outer = self._cosines
+        # KHR_lights_punctual, "Inner and Outer Cone Angles": the recommended code.
         return 1 / (inner - outer), -outer / (inner - outer)
 
     @classmethod
@@ -244,4 +247,6 @@ def _cosines(inner_angle: float, outer_angle: float) -> tuple[float, float]:
 
 def _cone(inner: float, outer: float) -> float:
     """The integral of a spotlight's share of its intensity over all directions, by the cosines of its cones."""
+    # The whole share within the inner cone. Between the cones the share is the square of a line from 1 to 0, whose mean
+    # is a third.
     return 2 * math.pi * (max(1 - inner, 0.0) + (inner - outer) / 3)

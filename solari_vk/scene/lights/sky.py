@@ -60,6 +60,7 @@ class Sky(EnvironmentLight):
         x, height, z = map(float, self.sun_direction)
         red, green, blue = map(float, self.ground_albedo)
         air = atmosphere(self.turbidity, (red, green, blue))
+        # The map has the sun over its middle column. So its heading is a rotation, and only its height another map.
         if self._made_of != (air, height):
             image = (SUN_ILLUMINANCE * sky_map(air, height)).astype(np.float32)
             image.setflags(write=False)
@@ -67,6 +68,7 @@ class Sky(EnvironmentLight):
             object.__setattr__(self, "_made_of", (air, height))
         turn = rotation((0, 1, 0), -math.atan2(z, x)).astype(np.float32)
         object.__setattr__(self, "rotation", turn)
+        # Sunlight is reddened and dimmed on its way, as in the map.
         arriving = air.transmittance(np.array([EYE]), np.array([height]))[0]
         brightness = float(arriving @ np.array(LUMINANCE_WEIGHTS))
         sun: dict[str, Any] = {

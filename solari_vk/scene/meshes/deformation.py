@@ -69,6 +69,7 @@ class Deformation:
         if (weights < 0).any():
             vertex = int(np.argmax((weights < 0).any(axis=1)))
             raise SolariError(f"Deformation: joint_weights must not be negative, but those of vertex {vertex} are")
+        # A joint without a weight may be any number, also one that the pose doesn't have.
         used = joints[weights > 0]
         if len(used) and int(used.max()) >= MAX_JOINTS:
             raise SolariError(f"Deformation: joints must be less than {MAX_JOINTS}, not {used.max()}")
@@ -150,6 +151,7 @@ class Deformation:
         for joints, weights in zip(self.joints.T, self.joint_weights.T, strict=True):
             used = weights > 0
             blended[used] += weights[used, None, None] * joint_matrices[joints[used]]
+        # Vertices without a joint stay where they are.
         blended[~(self.joint_weights > 0).any(axis=1)] = np.eye(3, 4)
         return blended
 
@@ -164,6 +166,7 @@ class Deformation:
         """
         centers, half_sizes, joints, deltas = self._rest_boxes(positions)
         if morph_weights is not None and deltas is not None:
+            # A target moves each vertex within the box of its own displacements.
             centers = centers + morph_weights @ deltas.mean(axis=1)
             half_sizes = half_sizes + np.abs(morph_weights) @ (deltas[:, 1] - deltas[:, 0]) / 2
         if joint_matrices is not None:
@@ -211,6 +214,7 @@ class Deformation:
         else:
             vertices, columns = np.nonzero(self.joint_weights > 0)
             used = self.joints[vertices, columns]
+            # The vertices of each joint next to each other, to take minimum and maximum of each group.
             order = np.argsort(used, kind="stable")
             moved, starts = np.unique(used[order], return_index=True)
             groups = np.split(points[vertices[order]], starts[1:]) if len(moved) else []

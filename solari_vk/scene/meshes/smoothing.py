@@ -28,6 +28,7 @@ def smooth_normals(
     points = np.asarray(positions, np.float64)[triangles]
     face = unit(np.cross(points[:, 1] - points[:, 0], points[:, 2] - points[:, 0]))
     across = neighbors(welded, np.abs(face).max(axis=1) > 0)
+    # Each pair of triangles once, from its edge with the lower number.
     edge = np.flatnonzero(across > np.arange(len(across)))
     other = across[edge]
     smooth = (face[edge // 3] * face[other // 3]).sum(axis=1) >= math.cos(sharpest)
@@ -36,8 +37,10 @@ def smooth_normals(
     group = components(
         len(across), np.concatenate([edge, next_corner(edge)]), np.concatenate([next_corner(other), other])
     )
+    # Corners of one group are one vertex of the result.
     _, first, corner = np.unique(group, return_index=True, return_inverse=True)
     after, before = (unit(np.roll(points, -step, axis=1) - points) for step in (1, 2))
+    # The angle at each corner, between the edges to its neighbors.
     angle = np.arccos(np.clip((after * before).sum(axis=2), -1, 1))
     weighted = (face[:, None, :] * angle[..., None]).reshape(-1, 3)
     summed = np.stack([np.bincount(corner, weighted[:, axis], len(first)) for axis in range(3)], axis=1)

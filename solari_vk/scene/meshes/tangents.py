@@ -86,6 +86,8 @@ def fitted_tangents(tangents: NDArray[Any], normals: NDArray[Any]) -> NDArray[np
 def weld(rows: NDArray[Any]) -> Integers:
     """An index (N,) for each row of floats (N, K); exactly equal rows have the same index."""
     bits = np.ascontiguousarray(np.asarray(rows, np.float32) + np.float32(0)).view(np.uint32)  # + 0: -0 equals 0
+    # Sorting one hash is faster than sorting rows. The constant is that of Fibonacci hashing, 2^64 over the golden
+    # ratio.
     key = np.zeros(len(bits), np.uint64)
     for column in bits.T:
         key = (key ^ column) * np.uint64(0x9E3779B97F4A7C15)
@@ -100,6 +102,7 @@ def _uv_directions(points: Floats, uv: Floats) -> tuple[Floats, NDArray[np.bool_
     """For each triangle: the direction of increasing u, whether uv preserves the winding, whether uv has an area."""
     edge1, edge2 = points[:, 1] - points[:, 0], points[:, 2] - points[:, 0]
     (s1, t1), (s2, t2) = (uv[:, 1] - uv[:, 0]).T, (uv[:, 2] - uv[:, 0]).T
+    # Twice the signed area in uvs: its sign says whether the image is mirrored.
     area = s1 * t2 - t1 * s2
     along_u = t2[:, None] * edge1 - t1[:, None] * edge2
     along_v = s1[:, None] * edge2 - s2[:, None] * edge1
@@ -131,6 +134,7 @@ def neighbors(welded: Integers, solid: NDArray[np.bool_]) -> Integers:
         order = order[np.argsort(key[order], kind="stable")]
         sides.append((key[order], edges[order]))
     (keys_a, edges_a), (keys_b, edges_b) = sides
+    # Where several edges have one key, the number among them.
     rank = np.arange(len(keys_a)) - np.searchsorted(keys_a, keys_a)
     # The partner of the k-th edge with some key is the k-th edge with that key on the other side.
     place = np.searchsorted(keys_b, keys_a) + rank
@@ -148,6 +152,7 @@ def _orient_without_uv(
     """Triangles without a uv area take the orientation of a neighbor, so that groups reach across them."""
     preserving, settled = preserving.copy(), has_uv.copy()
     across = np.where(neighbor >= 0, neighbor // 3, -1).reshape(-1, 3)
+    # Each round reaches one triangle farther; longer strips without uvs keep their own orientation.
     for _ in range(64):
         open_ones = np.flatnonzero(~settled)
         known = (across[open_ones] >= 0) & settled[across[open_ones]]
@@ -179,6 +184,7 @@ def components(count: int, a: Integers, b: Integers) -> Integers:
         apart = low != high
         if not apart.any():
             return label
+        # Link the higher label to the lower one, then let all labels name the root of their chain.
         np.minimum.at(label, high[apart], low[apart])
         label = _shortened(label)
         a, b = a[apart], b[apart]

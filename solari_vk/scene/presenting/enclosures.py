@@ -83,6 +83,7 @@ def find_room(instances: list[Instance], points: Floats) -> Room | None:
         place = low + np.array(share) * (high - low)
         if height is not None:
             place[1] = low[1] + height
+        # The cheapest test first: a floor and a ceiling, then a few directions, then all.
         below, above = trace(place, np.array([[0, -1.0, 0], [0, 1, 0]]), triangles).distance.tolist()
         if not math.isfinite(below + above):
             continue
@@ -91,6 +92,7 @@ def find_room(instances: list[Instance], points: Floats) -> Room | None:
         seen = trace(place, _directions(DIRECTION_COUNT), triangles)
         if seen.front.mean() < ROOM_SHARE:
             continue
+        # What is seen from outside is the same for all places, and costly.
         if outside is None:
             outside = _has_outside(place, triangles)
         furnished = (seen.fronts > 1).mean() >= FURNISHED_SHARE
@@ -107,6 +109,7 @@ def find_dome(instances: list[Instance]) -> Dome | None:
     """
     if len(instances) < 2:
         return None
+    # Only what is larger than half of all counts as a background, and only the outermost of such instances.
     lows, highs = np.array([_box(instance) for instance in instances]).swapaxes(0, 1)
     sizes = np.linalg.norm(highs - lows, axis=1)
     whole, slack = np.linalg.norm(highs.max(axis=0) - lows.min(axis=0)), 0.01 * sizes[:, None]
@@ -160,6 +163,7 @@ def _is_flat(seen: Seen, up: int) -> bool:
 
 def _has_outside(center: Floats, triangles: Floats) -> bool:
     """Whether a viewer who walks around the triangles sees front faces towards a point (3,) in most directions."""
+    # From outside of all, but not from far below, where the ground is.
     far = 2 * np.linalg.norm(triangles.reshape(-1, 3) - center, axis=1).max()
     around = [direction for direction in _directions(48) if direction[1] > -0.2]
     seen = [trace(center + far * direction, -direction[None], triangles).front[0] for direction in around]
@@ -189,12 +193,14 @@ def trace(origin: Floats, directions: Floats, triangles: Floats) -> Seen:
         np.zeros((len(directions), 3)),
         np.zeros(len(directions), np.intp),
     )
+    # A direction at a time: all at once would take N x M vectors.
     with np.errstate(divide="ignore", invalid="ignore"):
         for index, direction in enumerate(directions):
             facing = normal @ direction
             across = np.cross(direction, edges[:, 1])
             u, v = (offset * across).sum(axis=1) / -facing, turned @ direction / -facing
             t = np.where((u >= 0) & (v >= 0) & (u + v <= 1), ahead / -facing, np.inf)
+            # Also NaN, of triangles that the ray is parallel to.
             t[~(t > 0)] = np.inf
             nearest = int(np.argmin(t)) if len(t) else 0
             if len(t) and np.isfinite(t[nearest]):
@@ -233,11 +239,13 @@ def largest_triangles(instances: list[Instance]) -> Floats:
         mesh = instance.mesh
         if mesh not in largest:
             found = mesh.positions[mesh.triangles]
+            # A box keeps its twelve triangles.
             count = max(math.ceil(len(found) * share), 12)
             if count < len(found):
                 area = np.linalg.norm(np.cross(found[:, 1] - found[:, 0], found[:, 2] - found[:, 0]), axis=1)
                 found = found[np.argpartition(-area, count)[:count]]
             largest[mesh] = found.astype(np.float64)
         placed = transform_points(instance.transform, largest[mesh])
+        # A transform that mirrors turns the winding order around.
         corners.append(placed[:, ::-1] if np.linalg.det(instance.transform[:3, :3]) < 0 else placed)
     return np.concatenate(corners)

@@ -60,6 +60,7 @@ def _box(
     side = np.array((math.cos(angle), 0.0, -math.sin(angle)))
     along = toward @ center
     across = np.arctan2(toward @ side, along), np.arctan2(toward @ np.cross(center, side), along)
+    # A smoothstep over _EDGE at each side, so that highlights have soft borders.
     seen = np.ones(toward.shape[:2])
     for offset, half in zip(across, (half_width, half_height), strict=True):
         share = np.clip((math.radians(half) - np.abs(offset)) / _EDGE + 0.5, 0, 1)
@@ -90,6 +91,7 @@ def add_floor(scene: Scene, albedo: float) -> None:
         scene.remove(scene.backdrop)
     bounds, sides = scene.bounds, 64
     turns = np.linspace(0, 2 * math.pi, sides, endpoint=False)
+    # So large that its edge is at the horizon, and a little below what stands on it, or both would lie in one plane.
     rim = FLOOR_IN_RADII * bounds.radius * np.stack([np.cos(turns), np.zeros(sides), -np.sin(turns)], axis=-1)
     at = np.array((bounds.center[0], bounds.min[1] - 1e-3 * bounds.radius, bounds.center[2]))
     scene.backdrop = scene.add(shapes.polygons(at + rim), matte(albedo, "floor"), name="floor")

@@ -47,6 +47,7 @@ def surround(scene: Scene, camera: Camera, kind: str) -> tuple[str, bool]:
 
 
 def _is_lit_by_surfaces(scene: Scene) -> bool:
+    # A lamp is brighter than paper in the studio; a screen or label isn't, and must be larger to count as light.
     brightest = max((float(instance.material.emissive.max()) for instance in scene if instance.visible), default=0.0)
     return mean_emission(scene) >= (LEAST_EMISSION if brightest > UNLIT_RADIANCE else LEAST_OF_PAPER)
 
@@ -59,6 +60,7 @@ def _light_within(scene: Scene, visible: list[Instance], camera: Camera) -> tupl
         add_lamp(scene, room)
         return "auto", "a room, and gets a lamp"
     place, closed = place_of(camera, visible)
+    # The light of a studio comes from infinity: neither a dome nor a closed shell lets it in.
     if dome is None and not closed:
         return "studio", "shown in a studio"
     add_lamp(scene, place)

@@ -60,6 +60,7 @@ class Accessors:
             raise entry.error(f"has {width} components, but the data of {user.place} has the shape {array.shape}")
         if array.dtype.kind != "f" or (component.kind != "f" and not entry.flag("normalized", False)):
             with np.errstate(invalid="ignore"):
+                # A cast that loses a value is found by casting back.
                 given, array = array, np.rint(array).astype(component)
             if not (np.abs(given - array.astype(np.float64)) <= _ROUNDING).all():
                 raise entry.error(f"has {component.name} values, which are too narrow for those of {user.place}")
@@ -77,6 +78,7 @@ class Accessors:
         if array is None:
             raw = self._decode(index, entry)
             entry.charge(4 * raw.size, "its data", working=4 * raw.size)
+            # glTF 2.0, 3.6.2.2: c / 127 of signed bytes, and so on.
             if entry.flag("normalized", False) and raw.dtype.kind in "iu":
                 # The most negative integer has no positive partner: the format clamps it to -1.
                 array = np.maximum(raw / np.float32(np.iinfo(raw.dtype).max), np.float32(-1)).astype(np.float32)
@@ -84,6 +86,7 @@ class Accessors:
                 array = raw.astype(np.float32, copy=False)
             finite = np.isfinite(array)
             if not finite.all():
+                # The first element with a NaN or infinity, for the message.
                 row = int(np.argmin(finite.all(axis=1)))
                 raise entry.error(
                     f"(used by {user.place}) has {array[row].tolist()} at element {row}: all values must be finite; "
@@ -134,6 +137,7 @@ class Accessors:
             array = self._read(entry, count, layout)
             self._document.charge(array.nbytes, entry)
         else:
+            # glTF 2.0, 3.6.2.3: without a view all is zero, which a sparse accessor then changes.
             if count > LARGEST_WITHOUT_DATA:
                 raise entry.error(f"has {count} elements but no data; at most {LARGEST_WITHOUT_DATA} are allowed")
             self._document.charge(count * width * layout.dtype.itemsize, entry)
@@ -153,6 +157,7 @@ class Accessors:
         if kind.kind != "u":
             raise where.wrong("componentType", "an unsigned integer type")
         indices = self._read(where, count, _Layout(kind))[:, 0]
+        # Indices should ascend strictly, but nothing here depends on it.
         if int(indices.max()) >= len(array):
             raise where.error(f"refers to element {indices.max()}, but there are {len(array)}; export the file again")
         replaced = array.copy()
@@ -165,6 +170,7 @@ class Accessors:
         offset = entry.integer("byteOffset", 0)
         dtype, columns, rows = layout
         size = layout.column_size * (columns - 1) + rows * dtype.itemsize
+        # Without a stride elements are packed; the last needs no gap after it.
         step = stride or layout.column_size * columns
         if step < size:
             raise entry.error(f"has elements of {size} bytes in a view with a stride of {step}; export the file again")

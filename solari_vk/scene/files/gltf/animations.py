@@ -41,6 +41,7 @@ class Animations:
         targets = {node for _, channels in self._clips for node, *_ in channels}
         self._row: dict[int, int] = {}  # of the rig's nodes
         for number, node in placed.items():  # parents come first
+            # What is below a moved node moves with it.
             if number in targets or node.parent in self._row:
                 self._row[number] = len(self._row)
         self.rig = self._make_rig()
@@ -137,6 +138,7 @@ class Animations:
             raise entry.error(f"has {width} numbers a key for '{wanted.path[-1]}', which has {count}; export it again")
         key = found, wanted.path
         if key not in numbers:
+            # The value of the file, or the format's default, which the file's entry then states.
             resting = found.value(wanted.path, wanted.default)
             found.put(wanted.path, resting)
             numbers[key] = self.rig.attach_property(found, wanted.path, resting)
@@ -187,6 +189,7 @@ class Animations:
         if node is None:
             return None
         entry = self._document.item("node", node, target)
+        # glTF 2.0, 3.5.3: a node that is animated has no matrix.
         if path in _KINDS and "matrix" in entry:
             raise entry.error("is animated, so it can't have a 'matrix'; export the file again")
         return (node, path) if node in self._placed else None
@@ -203,6 +206,7 @@ class Animations:
             values = self._accessors.floats(output, sampler, kinds)
         if not len(times) or times[0] < 0 or (np.diff(times) < 0).any():
             raise sampler.error("needs times from 0 on that ascend; export the file again")
+        # A cubic spline has an incoming tangent, a value and an outgoing tangent for each key.
         parts = (len(times), 3) if interpolation == "CUBICSPLINE" else (len(times),)
         width = WIDTHS[path] or max(values.size // int(np.prod(parts)), 1)
         if values.size != width * int(np.prod(parts)):
@@ -211,5 +215,6 @@ class Animations:
                 f"has {len(values)} values for {len(times)} keys of {path}, but {per_key} of {width} numbers a key are "
                 "needed; export the file again"
             )
+        # Times become floats of Python, values 64 bits.
         sampler.charge(40 * len(times) + 24 * values.size, "its keys")  # of each channel that uses them
         return times, values.reshape(*parts, width), interpolation

@@ -52,6 +52,7 @@ def read_lens(entry: Entry) -> dict[str, Any] | None:
     lens = entry.entry(kind)
     if lens is None:
         raise entry.error(f"has no '{kind}'; export the file again")
+    # znear of 0 is allowed in orthographic cameras (glTF 2.0, 5.13.4).
     near = max(lens.number("znear", low=0, high=1e15), 1e-9)
     if kind == "perspective":
         return {"vertical_fov": lens.number("yfov", low=1e-4, high=LARGEST_YFOV), "near": near}

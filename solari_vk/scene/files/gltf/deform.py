@@ -36,6 +36,7 @@ def read_targets(vertices: Vertices, targets: Sequence[Entry], accessors: Access
         found[field] = added
     if found and "targets" not in found:
         _charge(targets, len(vertices["POSITION"]))
+        # `Deformation` has positions for all targets, also if they turn normals alone.
         found["targets"] = np.zeros((len(vertices["POSITION"]), len(targets), 3), np.float32)
     return found
 
@@ -77,6 +78,7 @@ def read_joints(count: int, attributes: Entry, accessors: Accessors) -> Vertices
     if not joints:
         return {}
     indices, shares = np.concatenate(joints, axis=1), np.concatenate(weights, axis=1)
+    # Many files have four joints a vertex of which one or two are used.
     used = np.flatnonzero((shares > 0).any(axis=0)).tolist() or [0]
     return {"joints": indices[:, used].astype(np.uint32), "joint_weights": shares[:, used]}
 

@@ -41,6 +41,7 @@ class Document:
         self.file = clean(str(path))
         # Read at most what a valid file can have: a .glb declares its size, JSON has a limit.
         head = read_regular(self.path, self.file, 12)
+        # The header of a .glb file: magic, version, and the length of all (glTF 2.0, 4.4.2).
         glb = head[:4] == _GLB_MAGIC.to_bytes(4, "little") and len(head) == 12
         max_bytes = max(struct.unpack_from("<I", head, 8)[0], 20) if glb else LARGEST_JSON + 1
         data = read_regular(self.path, self.file, max_bytes)
@@ -77,6 +78,7 @@ class Document:
         text: bytes | None = None
         binary: Bytes | None = None
         offset = 12
+        # A chunk has its length, its type and its data. Readers skip unknown types (glTF 2.0, 4.4.3).
         while offset + 8 <= length:
             size, kind = struct.unpack_from("<II", data, offset)
             if size > length - offset - 8:
@@ -88,6 +90,7 @@ class Document:
                 if kind != _JSON_CHUNK:
                     raise self.error("the first chunk of the .glb file is not JSON; it is damaged: export it again")
                 text = data[offset + 8 : offset + 8 + size]
+            # Of several binary chunks the first counts.
             elif kind == _BIN_CHUNK and binary is None:
                 binary = np.frombuffer(data, np.uint8, size, offset + 8)
             offset += 8 + size
@@ -102,6 +105,7 @@ class Document:
             )
         charge_json(text, self.file)
         try:
+            # A byte order mark is forbidden, but some programs write it. NaN and Infinity aren't JSON.
             return json.loads(text.decode("utf-8-sig"), parse_constant=_refuse_constant)
         except RecursionError:
             raise self.error("the JSON is nested too deeply to be a glTF file") from None
@@ -151,7 +155,9 @@ class Document:
         compressed: the size of the compressed data that these bytes come from. They count for four times as many.
         """
         self._decoded_bytes += size
+        # Else a small compressed view would count for as much as it claims to hold.
         self.held_bytes += min(size, 4 * compressed)
+        # Many accessors over the same bytes make a small file large: sixteen times the file's bytes are allowed.
         if self._decoded_bytes > 32 * 2**20 + 16 * self.held_bytes:
             raise WholeFileError(
                 f"{user.file}: {user.place} makes the geometry {self._decoded_bytes >> 20} MiB large although the "
@@ -176,6 +182,7 @@ class Document:
         view = self.item("bufferView", index, user)
         stride = view.integer("byteStride", low=4, high=252) if "byteStride" in view else None
         part = _meshopt_part(view)
+        # EXT_meshopt_compression: without the library the fallback buffer is read, if the file has it.
         if part is None or (self._has_data(view) and not libraries.is_installed(_MESHOPT)):
             return self._range(view), stride
         data = self._unpacked.get(index)
@@ -239,11 +246,13 @@ class Document:
         folder = Path(os.path.realpath(self.path)).parent
         # Some exporters don't percent-encode names, so the name is tried as it is written, too.
         for name in dict.fromkeys((unquote(uri), uri)):
+            # No scheme such as http: or C:, no absolute path, no home folder.
             inside = not (re.match(r"[A-Za-z][A-Za-z0-9+.-]*:", name) or name[:1] in ("/", "\\", "~"))
             if not inside or "\\" in name or "\0" in name or not name:
                 raise self._outside(entry, uri)
             try:
                 path = Path(os.path.realpath(folder / clean(name)))
+                # After links are followed, so that none leads out of the folder. What is outside isn't even asked for.
                 exists = path.is_relative_to(folder) and _exists(path)
             except (OSError, ValueError):
                 raise entry.error(f"has a 'uri' that no file can have: {shown(uri)}") from None
@@ -286,7 +295,9 @@ def _decode_data_uri(uri: str, entry: Entry) -> NDArray[np.uint8]:
         if not comma:
             raise ValueError
         if header.lower().endswith(";base64"):
+            # Base64 has no percent signs, but some programs encode its + and /.
             body = unquote(body) if "%" in body else body
+            # Padding is often missing.
             return np.frombuffer(base64.b64decode(body + "=" * (-len(body) % 4), validate=True), np.uint8)
         return np.frombuffer(unquote_to_bytes(body), np.uint8)
     except (ValueError, binascii.Error):
@@ -314,6 +325,7 @@ def _unpack(part: Entry, data: NDArray[np.uint8]) -> NDArray[np.uint8]:
     kind = part.text("filter", "NONE", _MESHOPT_FILTERS)
     library = libraries.library(_MESHOPT, f"{part.file}: {part.place}")
     try:
+        # Filters are for attributes only.
         rows = library.decode_gltf_buffer(data, count, stride, mode, kind if mode == "ATTRIBUTES" else None)
     except ValueError as error:
         raise part.error(f"has damaged data ({error}); compress the file again") from None

@@ -47,6 +47,7 @@ class DracoMeshes:
             if number not in arrays:
                 raise ids.error(f"names the attribute {number} for {name}, which the data doesn't have")
             if accessor is not None:
+                # The accessor says type and range, the data replace its view.
                 self._accessors.provide(accessor, arrays[number], attributes)
         self._accessors.provide(indices, mesh.faces.reshape(-1, 1), primitive)
         return packed.integer("bufferView")
@@ -55,6 +56,7 @@ class DracoMeshes:
         """The decompressed mesh of a buffer view."""
         number = packed.integer("bufferView")
         if number not in self._meshes:
+            # The library allocates for as many faces as the data claim, so that they are charged before.
             data, _ = self._document.view(number, packed)
             try:
                 faces = _face_count(data)
@@ -81,6 +83,7 @@ def _face_count(data: Bytes) -> int:
     Draco allocates memory for them before it reads them.
     """
     major, minor, kind, method = data[5:9].tolist()
+    # The bitstream begins with the name, the version, the kind of geometry (1: a mesh), the method and the flags.
     if data[:5].tobytes() != b"DRACO" or (major, minor) != (2, 2) or kind != 1:
         raise ValueError
     reader = _Reader(data, 11)
@@ -114,6 +117,7 @@ class _Reader:
         result = 0
         for shift in range(0, 64, 7):
             byte = self.byte()
+            # LEB128: the highest bit says that more follow.
             result |= (byte & 0x7F) << shift
             if byte < 0x80:
                 return result

@@ -78,6 +78,7 @@ def _reflections(extension: Entry, material: Entry, report: Report) -> dict[str,
     two extensions together."""
     nothing = Entry(material.file, material.place, {})
     ior = (material.extension("KHR_materials_ior") or nothing).number("ior", 1.5, low=0)
+    # KHR_materials_ior: 0 stands for an infinite index, with which the Fresnel term is 1 everywhere.
     if 0 < ior < 1:
         raise material.wrong("extensions", "without an 'ior' between 0 and 1")
     ior = min(ior, FULL_REFLECTION) if ior > 0 else FULL_REFLECTION
@@ -86,6 +87,7 @@ def _reflections(extension: Entry, material: Entry, report: Report) -> dict[str,
     return {
         "ior": ior,
         "specular": specular.number("specularFactor", 1.0, low=0, high=1),
+        # KHR_materials_specular: F0 is 0.04 times the color for an ior of 1.5, and Material's is 0.16 reflectance^2.
         "reflectance": np.minimum(0.5 * np.sqrt(color), LARGEST_REFLECTANCE).astype(np.float32),
     }
 
@@ -104,6 +106,7 @@ def _transmission(extension: Entry, material: Entry, report: Report) -> dict[str
 def _volume(extension: Entry, material: Entry, report: Report) -> dict[str, Any]:
     distance = extension.number("attenuationDistance", LARGEST_DISTANCE, low=0)
     return {
+        # KHR_materials_volume: a thickness of 0 means a thin wall; for rays its size doesn't matter.
         "solid": extension.number("thicknessFactor", 0.0, low=0) > 0,
         "attenuation_color": extension.numbers("attenuationColor", (1.0, 1.0, 1.0), low=0, high=1),
         "attenuation_distance": min(max(distance, 1 / LARGEST_DISTANCE), LARGEST_DISTANCE),

@@ -25,6 +25,7 @@ def read_own(entry: Entry, names: Iterable[str]) -> dict[str, Any]:
 def read_label(entry: Entry, report: Report, name: str = "label") -> str:
     """The `label` or `part_of` of a node's meshes: ours, or else the text in the extras of files of others."""
     extras = entry.data.get("extras")
+    # Blender writes custom properties of objects there, such as a label.
     found = {**(extras if isinstance(extras, dict) else {}), **read_own(entry, (name,))}.get(name, "")
     with report.costs("wrong labels are left out"):
         try:

@@ -44,6 +44,7 @@ class Images:
 
         linear: the images that hold data and not colors.
         """
+        # Each round tries the next choice of those whose image failed.
         while users:
             self._read_all({choice[0]: user for choice, user in users.items()}, linear)
             failed = (choice for choice in users if self._read[choice[0]] is None and len(choice) > 1)
@@ -66,6 +67,7 @@ class Images:
         try:
             source = self._source(entry)
             file = self._file(entry, source[1])
+            # By content: the MIME type of the file may be wrong.
             if file[:4].tobytes() != IDENTIFIER:
                 return None
             entry.charge(0, "its file", working=file.nbytes)

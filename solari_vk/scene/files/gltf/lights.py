@@ -47,6 +47,7 @@ class Lights:
         if not max(abs(x), abs(y), abs(z)) <= LARGEST_COORDINATE or (place is None and kind != "point"):
             self._report.add("lights whose node's transform is singular are left out", node.entry.place)
             return None
+        # Suns have an angular diameter, lamps a radius.
         fields |= read_own(entry, OWN[2:] if kind == "directional" else OWN[:2])
         fields["name"] = node.entry.name or entry.name
         if kind == "directional":
@@ -77,6 +78,7 @@ class Lights:
         user = node.extension(PROFILES)
         assert user is not None
         peak = self._profile(user).peak
+        # EXT_lights_ies: the profile's candelas times a multiplier. Its color is at most 1.
         color = np.clip(user.numbers("color", (1.0, 1.0, 1.0), low=0, high=1e6), 0, 1).astype(np.float32)
         intensity = self._limited(peak * user.number("multiplier", 1.0, low=0, high=1e30), user)
         return {"intensity": intensity, "color": color}
@@ -103,6 +105,7 @@ class Lights:
         if kind == "directional":
             return {"illuminance": intensity, "color": color}
         reach = entry.number("range", MAX_RANGE, low=0, high=MAX_RANGE)
+        # glTF forbids a range of 0, but programs write it and mean no limit.
         if reach < MIN_RANGE:
             reach = MAX_RANGE
             self._report.add("lights with a range of 0, which glTF forbids, reach without end", entry.place)
@@ -137,6 +140,7 @@ class Lights:
             return 0.0, math.pi / 4
         inner = spot.number("innerConeAngle", 0.0, low=0, high=math.pi / 2)
         outer = spot.number("outerConeAngle", math.pi / 4, low=0, high=math.pi / 2)
+        # A cone of no width would have no light.
         outer = max(outer, HARD_EDGE)
         if inner >= outer:
             self._report.add("spotlights with cones of the same angle get a hard edge", light.place)

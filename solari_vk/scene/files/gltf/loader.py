@@ -90,6 +90,7 @@ def _load(document: Document, scene: int | str | None, variant: str | None, stri
         raise document.error("is too large for this machine's memory") from None
     except SolariError as error:
         # The classes of the scene refuse what is out of range for all renderers, and don't know the file.
+        # An error of the document names the file already.
         raise error if str(error).startswith(f"{document.file}: ") else document.error(str(error)) from None
 
 
@@ -125,6 +126,7 @@ class _Loader:
         has_meshes = any("mesh" in node.entry for node in placed.values())
         if self._report.first_error and not self._scene.instances and has_meshes:
             raise self._report.first_error
+        # Now all objects are there whose properties animations change.
         for animation in self._animations.finish(self._animated):
             self._scene.animations.add(animation)
         self._remark_unseen_extensions()
@@ -190,6 +192,7 @@ class _Loader:
                 with self._report.costs("nodes with wrong data have no surface"):
                     count += repetitions(node, self._accessors)[0] * len(self._primitives_of(node))
                 # Each instance of EXT_mesh_gpu_instancing has at least twelve bytes in a buffer.
+                # Nodes can repeat a mesh of many primitives: a file of 1 MB could ask for a billion instances.
                 allowed = SPARE_INSTANCES + len(placed) + self._document.held_bytes // 12
                 if count > allowed:
                     raise node.entry.error(f"brings the scene above {allowed} instances of primitives; split the file")
@@ -206,6 +209,8 @@ class _Loader:
         """Report unsupported extensions that the file uses, except those of materials, which are reported there."""
         named = " ".join(self._report.lines())
         for name in self._document.root.texts("extensionsUsed"):
+            # Extensions of materials are reported with the materials that use them, others that were found with their
+            # objects.
             known = name in SUPPORTED_EXTENSIONS or name.startswith("KHR_materials_")
             if not known and name not in named:
                 self._report.add(f"the extension {shown(name)[1:-1]} is not supported and was ignored", "the file")
@@ -216,6 +221,7 @@ class _Loader:
         """Add what hangs on a node. transform: from the item's space to the node's, by default the identity. moves: the
         item follows the node, not only its visibility."""
         row = self._animations.row(node.number)
+        # A hidden light or camera that nothing moves isn't in the scene; a hidden instance is, and can be shown.
         if item is None or (row is None and not node.visible and not isinstance(item, Instance)):
             return
         if row is not None:
@@ -265,9 +271,8 @@ class _Loader:
         for primitive in chain.from_iterable(self._mesh_primitives.values()):
             with self._report.costs(WRONG_PRIMITIVES):
                 materials = [primitive.index("material"), *self._variants.materials(primitive).values()]
-                for material in materials:
-                    if material is not None:
-                        users.setdefault(material, primitive)
+                new = [material for material in materials if material is not None and material not in users]
+                users |= dict.fromkeys(new, primitive)
         self._materials.load(users)
 
     def _add_meshes(self, node: PlacedNode, placed: dict[int, PlacedNode]) -> None:
@@ -291,6 +296,8 @@ class _Loader:
             world, visible = where
             whole = part_of or self._object_name(name, parts)
             for part in parts:
+                # A negative determinant of the node turns front faces around (glTF 2.0, 3.7.4), which joints don't
+                # show.
                 shape = self._animations.rig.inside_out(part.mesh) if mirrored else part.mesh
                 instance = Instance(shape, part.material, world, visible=visible, name=name + part.suffix, label=label)
                 instance.part_of = whole

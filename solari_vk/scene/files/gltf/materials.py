@@ -75,6 +75,7 @@ class Materials:
         """The entry, and its slots by the fields of Material."""
         pbr = _pbr(entry)
         found = {"base_color_texture": self._textures.slot(pbr, "baseColorTexture")}
+        # KHR_materials_unlit: all but the base color and alpha is ignored.
         if not _is_unlit(entry):
             found |= {
                 "metallic_roughness_texture": self._textures.slot(pbr, "metallicRoughnessTexture"),
@@ -85,6 +86,7 @@ class Materials:
                 found |= {field: self._textures.slot(said, key) for field, key in extension.textures.items()}
         slots = {name: slot for name, slot in found.items() if slot is not None}
         for name, slot in list(slots.items()):
+            # A mesh has two sets of uvs here.
             if slot.uv_set not in _uv_sets(slots):
                 self._report.add("textures on a third set of uvs are not supported and are left out", slot.entry.place)
                 del slots[name]
@@ -119,12 +121,14 @@ class Materials:
         extensions = _read_extensions(entry)
         for extension, said in extensions:
             fields |= extension.read(said, entry, self._report)
+        # It replaces factors and textures of the metallic-roughness part that every material has.
         if any(extension.name == specular_glossiness.EXTENSION for extension, _ in extensions):
             fields |= self._baker.bake(fields, entry)
         return fields | {
             "emissive": emissive.astype(np.float32),
             "normal_scale": normal.entry.number("scale", 1.0, low=-1e6, high=1e6) if normal else 1.0,
             "alpha_mode": entry.text("alphaMode", "OPAQUE", ("OPAQUE", "MASK", "BLEND")).lower(),
+            # A cutoff above 1 is allowed, and leaves nothing of a masked surface.
             "alpha_cutoff": min(entry.number("alphaCutoff", 0.5, low=0), checks.LARGEST_CUTOFF),
             "double_sided": entry.flag("doubleSided", False),
         }

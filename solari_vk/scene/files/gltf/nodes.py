@@ -69,6 +69,8 @@ def walk(document: Document, first: list[int], owner: Entry) -> dict[int, Placed
     coarser = _coarser_levels(document)
     placed: dict[int, PlacedNode] = {}
     identity = np.eye(4)
+    # A stack, not recursion: chains of nodes may be longer than Python's limit. Reversed, so that the first comes
+    # first.
     waiting: list[tuple[int, int, Matrix, bool, Entry]] = [(n, -1, identity, True, owner) for n in reversed(first)]
     while waiting:
         number, above, parent, visible, user = waiting.pop()
@@ -93,6 +95,7 @@ def _coarser_levels(document: Document) -> set[int]:
     if LEVELS in document.root.texts("extensionsUsed"):
         for number in range(len(document.array("node"))):
             levels = document.item("node", number, document.root).extension(LEVELS)
+            # MSFT_lod: the node itself is the finest level, its ids are the coarser ones.
             found.update(levels.integers("ids") if levels else ())
     return found
 
@@ -107,6 +110,7 @@ def local_matrix(entry: Entry) -> Matrix:
     """The matrix from the node's space to its parent's."""
     if "matrix" in entry:
         matrix: Matrix = np.array(entry.numbers("matrix", _IDENTITY)).reshape(4, 4).T
+        # The last row of an affine matrix, as far as exporters round it.
         if np.allclose(matrix[3], (0, 0, 0, 1), rtol=0, atol=1e-5):
             matrix[3] = (0, 0, 0, 1)
         return matrix
@@ -115,6 +119,7 @@ def local_matrix(entry: Entry) -> Matrix:
     position = entry.numbers("translation", (0.0, 0.0, 0.0))
     quaternion = entry.numbers("rotation", (0.0, 0.0, 0.0, 1.0))
     scale = entry.numbers("scale", (1.0, 1.0, 1.0))
+    # Exporters round quaternions, whose length should be 1.
     length = math.hypot(*quaternion) or 1.0
     turned = quaternion_rotation(*(part / length for part in quaternion))
     return np.array(
@@ -166,6 +171,7 @@ def skin_of(
     joints = skin.integers("joints")
     if not joints or any(joint not in placed for joint in joints):
         for joint in joints:
+            # Raises for a joint that the file doesn't have at all.
             document.item("node", joint, skin)
         report.add("skins whose joints are not in the scene are left out", skin.place)
         return None
@@ -174,6 +180,8 @@ def skin_of(
     if inverse is None:
         return joints, np.tile(np.eye(4), (len(joints), 1, 1))
     bind = accessors.floats(inverse, skin, ("MAT4",))
+    # More matrices than joints are allowed (glTF 2.0, 5.28.1).
     if len(bind) < len(joints):
         raise skin.error(f"has {len(bind)} inverse bind matrices for {len(joints)} joints; export the file again")
+    # glTF stores matrices by columns.
     return joints, bind[: len(joints)].reshape(-1, 4, 4).transpose(0, 2, 1).astype(np.float64)

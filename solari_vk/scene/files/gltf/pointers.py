@@ -99,6 +99,7 @@ class Property:
         self.kind = match[1] or match[2]
         self.number = int(match[3])
         path = match[4]
+        # Any texture's transform can be animated, wherever it is.
         transform = _TRANSFORM.fullmatch(path) if self.kind == "materials" else None
         self.moves_uvs = transform is not None
         default = _OF_TRANSFORMS[transform[1]] if transform is not None else DEFAULTS[self.kind].get(path)
@@ -138,6 +139,7 @@ class AnimatedObject:
 
     def __init__(self, items: Sequence[Checked], entry: Entry, read: Callable[[Entry], Readings]) -> None:
         self.items = items
+        # A copy, since other objects read the same entry.
         self._entry = AnimatedEntry(entry.file, entry.place, copy.deepcopy(entry.data))
         self._read = read
         self._before: Readings | None = None
@@ -195,6 +197,7 @@ class AnimatedObject:
         found = self._read(self._entry)
         earlier = self._before or [(items, {}) for items, _ in found]
         for (items, fields), (_, before) in zip(found, earlier, strict=True):
+            # Compared with the last keys and not with the object: what a user assigned stays until the clip changes it.
             changed = {name for name, value in fields.items() if name not in before or not _equal(before[name], value)}
             _assign(items, {name: fields[name] for name in changed})
         self._before = found

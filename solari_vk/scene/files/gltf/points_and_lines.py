@@ -33,6 +33,7 @@ def _solid(corners: Any) -> _Solid:
     """A regular solid of triangles: those of corners with the smallest distance from each other."""
     found = unit(corners)
     distances = np.linalg.norm(found[:, None] - found, axis=-1)
+    # Neighbors of a regular solid have the smallest distance of all.
     edge = 1.01 * distances[distances > 0].min()
     faces = [face for face in combinations(range(len(found)), 3) if distances[np.ix_(face, face)].max() < edge]
     return _Solid(found, np.array([face if np.linalg.det(found[list(face)]) > 0 else face[::-1] for face in faces]))
@@ -62,6 +63,7 @@ def with_surface(
     primitive.charge(0, f"spheres and tubes of {count:,} points or lines", working=_BYTES_PER_VERTEX * size)
 
     positions = vertices["POSITION"].astype(np.float64)
+    # A line without length has no direction, and its ends show it already.
     lines = lines[(positions[lines[:, 0]] != positions[lines[:, 1]]).any(axis=1)]
     ball = np.arange(len(centers))[:, None, None] * len(solid.corners) + solid.triangles
     triangles, normals = [ball.reshape(-1, 3)], [np.tile(solid.corners, (len(centers), 1))]
@@ -74,6 +76,7 @@ def with_surface(
 
     radius = _radius(positions[corners], mode, len(centers))
     found = {name: values[source] for name, values in vertices.items() if "TANGENT" not in name.upper()}
+    # Spheres and tubes keep the directions of their normals when targets move them.
     found.pop("target_normals", None)
     found["POSITION"] = (positions[source] + radius * normal).astype(np.float32)
     found["NORMAL"] = normal.astype(np.float32)
@@ -102,6 +105,7 @@ def _radius(used: NDArray[np.float64], mode: int, count: int) -> float:
 
 def _around(along: NDArray[np.float64]) -> NDArray[np.float64]:
     """The normals (2 N sides, 3) of tubes along unit vectors (N, 3): a ring at the start and one at the end."""
+    # Any ring around the line will do: tubes have no marks.
     across = orthogonal(along)
     turn = 2 * np.pi / _SIDES * np.arange(_SIDES)[:, None]
     ring = np.cos(turn) * across[:, None] + np.sin(turn) * np.cross(along, across)[:, None]

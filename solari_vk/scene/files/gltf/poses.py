@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -26,6 +28,7 @@ class Pose:
         self._animations = animations
         self._node = node
         self._mesh = mesh
+        # glTF 2.0, 3.7.2.2: the weights of a node replace those of its mesh.
         owner = node.entry if "weights" in node.entry else mesh
         count = len(owner.values("weights", "numbers"))
         self._weights = owner.numbers("weights", (0.0,) * count, low=-1e6, high=1e6)
@@ -51,8 +54,13 @@ class Pose:
             instance.update(**fields)
         except SolariError as error:
             raise self._node.entry.error(f"has a pose that can't be shown: {error}") from None
+        self._follow(instance, fields, animated)
+
+    def _follow(self, instance: Instance, fields: dict[str, Any], animated: bool) -> None:
+        """Have an instance follow the rig's nodes that move. fields: of its pose. animated: whether weights are."""
         rig = self._animations.rig
         row = self._animations.row(self._node.number)
+        # Row -1 stands for joints that never move. With these alone there is nothing to follow.
         if self._skin is not None and "joint_matrices" in fields and max(self._skin[0]) >= 0:
             rig.attach_skin(instance, *self._skin)
         if animated and "morph_weights" in fields and row is not None:

@@ -58,6 +58,8 @@ class Primitives:
         targets = primitive.entries("targets", "target")
         joints = [name for name in sorted(attributes.data) if skinned and name.startswith(("JOINTS_", "WEIGHTS_"))]
         key = (
+            # What two primitives have in common if they make the same mesh: accessors, uvs and, because of tangents,
+            # the normal map's transform.
             *(attributes.index(a) for a in ("POSITION", "NORMAL", "TANGENT", "COLOR_0", *_uv_names(material))),
             primitive.index("indices"),
             packed,
@@ -166,6 +168,7 @@ class Primitives:
         """With colors from 0 to 1, and without those that change nothing."""
         if "COLOR" in vertices:
             given = vertices.pop("COLOR")
+            # glTF 2.0, 3.9.2: COLOR_0 multiplies the base color, so that white colors change nothing.
             colors = given.clip(0, 1)
             if (colors != given).any():
                 self._report.add("vertex colors below 0 or above 1 are clamped", primitive.place)
@@ -198,6 +201,7 @@ class Primitives:
 
     def _triangles(self, primitive: Entry, mode: int, corners: NDArray[np.uint32]) -> NDArray[np.uint32]:
         if mode == _TRIANGLES:
+            # One or two corners at the end are skipped, as graphics interfaces do.
             whole = len(corners) // 3 * 3
             if whole != len(corners):
                 self._report.add("the last corners make no whole triangle and are left out", primitive.place)
@@ -205,6 +209,7 @@ class Primitives:
         if len(corners) < 3:
             return np.zeros((0, 3), np.uint32)
         if mode == _TRIANGLE_FAN:
+            # glTF 2.0, 3.7.2.1: triangle i of a fan has the vertices i + 1, i + 2 and 0.
             return np.stack([corners[1:-1], corners[2:], np.broadcast_to(corners[0], len(corners) - 2)], axis=1)
         strip = np.stack([corners[:-2], corners[1:-1], corners[2:]], axis=1)
         # In a strip every second triangle has the other winding order (glTF 2.0, 3.7.2.1).
@@ -273,6 +278,7 @@ def _uv_names(material: LoadedMaterial) -> list[str]:
 
 def _compact(triangles: NDArray[np.uint32], count: int) -> tuple[NDArray[Any], NDArray[np.uint32]]:
     """The vertices that triangles use, ascending, and the triangles over only these."""
+    # Sorting few corners is faster than flags for many vertices.
     if count > 4 * triangles.size:  # the primitive uses a small part of a large shared buffer
         used, compact = np.unique(triangles, return_inverse=True)
         return used, compact.reshape(-1, 3).astype(np.uint32)

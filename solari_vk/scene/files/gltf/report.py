@@ -46,6 +46,7 @@ class Report:
         """
         if self._strict or isinstance(error, (budget.BudgetError, WholeFileError)):
             raise error
+        # A damaged file may have a fault in each of a million parts.
         budget.charge(_BYTES_PER_FAULT, self._file, "the list of what is wrong in it")
         self.first_error = self.first_error or error
         self.add(remark, str(error).removeprefix(f"{self._file}: "))

@@ -78,6 +78,7 @@ def _gradient(fields: Entry) -> NDArray[np.float64]:
     height = 1 - 2 * (np.arange(GRADIENT_ROWS) + 0.5) / GRADIENT_ROWS  # 1 at the zenith, 0 at the horizon
     column = np.zeros((GRADIENT_ROWS, 1, 3))
     for side, key, curve in ((height > 0, "top", 0.15), (height < 0, "bottom", 0.02)):
+        # The color changes fastest at the horizon, since the exponent is far above 1.
         power = 1 / fields.number(f"{key}Curve", curve, low=1e-6, high=1e6)
         share = 1 - (1 - np.abs(height[side])) ** power
         column[side, 0] = horizon + share[:, None] * (_color(fields, f"{key}Color") - horizon)
@@ -92,20 +93,28 @@ def _panorama(document: Document, fields: Entry, sky: Entry, report: Report, str
     # The extension has +z in the middle of the map, Environment +x. A file of this package has a rotation of its own.
     turn = read_own(sky, ("rotation",)).get("rotation", -math.pi / 2)
     if not is_cube and choices[0]:
+        # An EXR file has light of any brightness, and isn't rounded to 8 bits.
         light = images.light(choices[0][0], fields)
         if light is not None:
             return Environment(light, rotation=turn, name=sky.name)
-    images.read({choice: fields for choice in choices if choice})
-    read = [images[choice] for choice in choices]
-    pixels = [image.pixels[..., :3] for image in read if image is not None]
-    if len(pixels) < len(choices) or (is_cube and not are_equal_squares(pixels)):
+    colors = _read_colors(choices, images, fields, document)
+    if len(colors) < len(choices) or (is_cube and not are_equal_squares(colors)):
         report.add("skies whose images can't be read or aren't equal squares are left out", sky.place)
         return None
-    document.root.charge(_BYTES_PER_VALUE * sum(picture.size for picture in pixels), "the map of its sky")
-    colors = [LINEAR_OF_SRGB[picture] for picture in pixels]
     if is_cube:
         return Environment(unroll_cube(np.stack(colors)), name=sky.name)
     return Environment(colors[0], rotation=turn, name=sky.name)
+
+
+def _read_colors(
+    choices: list[tuple[int, ...]], images: Images, fields: Entry, document: Document
+) -> list[NDArray[np.float32]]:
+    """The linear colors (H, W, 3) of those textures that can be read."""
+    images.read({choice: fields for choice in choices if choice})
+    read = [images[choice] for choice in choices]
+    pixels = [image.pixels[..., :3] for image in read if image is not None]
+    document.root.charge(_BYTES_PER_VALUE * sum(picture.size for picture in pixels), "the map of its sky")
+    return [LINEAR_OF_SRGB[picture] for picture in pixels]
 
 
 def _panorama_textures(fields: Entry) -> list[int]:

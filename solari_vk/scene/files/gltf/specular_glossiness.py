@@ -63,6 +63,7 @@ class Baker:
 
     def bake(self, fields: dict[str, Any], entry: Entry) -> dict[str, Any]:
         """The fields that differ from those of `read` with the file's textures. entry: the material's."""
+        # The inverse of what `read` made of the specular factor.
         f0 = 4 * fields["reflectance"] ** 2
         texture, painted = fields.get("specular_color_texture"), fields.get("base_color_texture")
         if texture is None:
@@ -76,8 +77,10 @@ class Baker:
             "metallic_roughness_texture": self._kept(entry, texture, (gloss,), lambda: _roughness(texture, gloss)),
         }
         share = diffuse_share(f0 * LINEAR_OF_SRGB[texture.image.pixels[..., :3]])
+        # Less than one code of 8 bits.
         if share.min() > 1 - 1 / 255 or not fields["base_color"].any():
             return changed
+        # Pixels can be multiplied only where both textures lie alike on the surface.
         if painted is None or _sampling(painted) == _sampling(texture):
             key = (id(painted), *f0)
             changed["base_color_texture"] = self._kept(entry, texture, key, lambda: _painted(painted, texture, share))
@@ -113,6 +116,7 @@ def _painted(painted: Texture | None, texture: Texture, share: Floats) -> NDArra
     given = np.full((1, 1, 4), 255, np.uint8) if painted is None else painted.image.pixels
     height, width = np.maximum(given.shape[:2], share.shape[:2])
     given, share = (
+        # The nearest pixel, so that a mask stays sharp.
         grid[np.arange(height)[:, None] * len(grid) // height, np.arange(width) * grid.shape[1] // width]
         for grid in (given, share)
     )

@@ -77,6 +77,7 @@ class Textures:
         transform = info.extension("KHR_texture_transform")
         if transform is None:
             return Slot(info, index, images, uv_set)
+        # offset, rotation and scale make one matrix; texCoord replaces that of the texture.
         u, v = transform.numbers("offset", (0.0, 0.0), low=-1e9, high=1e9)
         scale_u, scale_v = transform.numbers("scale", (1.0, 1.0), low=-1e9, high=1e9)
         angle = transform.number("rotation", 0.0, low=-1e9, high=1e9)

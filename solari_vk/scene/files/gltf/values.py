@@ -21,6 +21,7 @@ def shown(value: Any) -> str:
     """Any value for a message: short, on one line."""
     if isinstance(value, (dict, list)):
         return f"{'an object' if isinstance(value, dict) else 'a list'} of {len(value)}"
+    # Files of others may hold anything: lone surrogates, line breaks and texts without end.
     text = repr(value) if isinstance(value, str) else str(value)
     text = clean(text).replace("\n", " ")
     return text if len(text) <= 60 else text[:57] + "..."

@@ -66,6 +66,7 @@ class RigNodes:
         self._bases: dict[Any, int] = {}
         self._rows: list[int] = []
         for row in range(rig.count):
+            # Parents come first, so that each has its node.
             self._rows.append(self._add(row, row in moved))
         self._worlds, self._shown = rig.at_rest()
         skins = {instance: skin for instance, *skin in rig.skins}
@@ -83,6 +84,7 @@ class RigNodes:
         if not moved:
             return self._nodes.place(parent, rig.transforms[row], visible=visible)
         parts = {name: rig.rest[name][row].tolist() for name in _PARTS}
+        # glTF demands unit quaternions.
         parts["rotation"] = unit_quaternions(rig.rest["rotation"][row : row + 1])[0].tolist()
         return self._nodes.add(parent, visible=visible, **parts)
 
@@ -175,6 +177,7 @@ class RigNodes:
 
     def _skin(self, item: Instance, skin: Any) -> int:
         joints, rest, joints_from_mesh = skin
+        # The rig places skinned meshes by their joints alone; a transform that the user assigned has no node.
         if not np.array_equal(item.transform, np.eye(4)):
             self._content.lose("skins that follow clips lose the transform of their own", item.describe())
         resting = np.where((joints >= 0)[:, None, None], self._worlds[joints], rest) @ joints_from_mesh
@@ -279,6 +282,7 @@ class RigNodes:
             values = values.reshape(-1)
         else:
             values = values.reshape(-1, values.shape[-1])
+        # Tangents of a spline have any length, keys alone have length 1.
         if channel.path == "rotation" and interpolation != "CUBICSPLINE":
             values = unit_quaternions(values)
         output = self._content.accessor(values, dtype)

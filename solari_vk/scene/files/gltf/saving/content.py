@@ -68,6 +68,8 @@ class Content:
         "times" or "data", once for equal values. Positions and times get their bounds."""
         rows = np.ascontiguousarray(values, "<" + dtype).reshape(len(values), -1)
         data = rows.tobytes()
+        # Times of channels are equal in most clips, arrays of vertices are shared by identity, which is cheaper to
+        # find.
         key = data if use in ("times", "data") else id(values), rows.shape, dtype, use
         if key not in self._accessors:
             target = {"vertices": _VERTICES, "positions": _VERTICES, "corners": _CORNERS}.get(use)
@@ -89,12 +91,14 @@ class Content:
         buffer: dict[str, Any] = {"byteLength": len(binary)} if binary else {}
         if path.suffix.lower() == ".glb":
             text = _text(self.json | ({"buffers": [buffer]} if binary else {}))
+            # The length of the file is a number of 32 bits.
             if len(text) + len(binary) > LARGEST_GLB:
                 raise SolariError(f"{path}: a .glb file holds 4 GiB at most: save a .gltf file")
             write_whole(path, glb(text, binary))
         elif binary:
             data_path = path.with_suffix(".bin")
             buffer["uri"] = quote(data_path.name)
+            # Both files or none: a .gltf without its .bin is lost.
             write_both((path, _text(self.json | {"buffers": [buffer]})), (data_path, binary))
         else:
             write_whole(path, _text(self.json))

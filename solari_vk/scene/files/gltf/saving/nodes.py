@@ -104,6 +104,7 @@ class Nodes:
         shape = instance.mesh if mesh is None else mesh
         if instance.ray_mesh is not None:
             self._content.lose("meshes for rays aren't written: rays will hit the others", instance.describe())
+        # A pose without a rig: joints that stand still.
         if skin is None and instance.joint_matrices is not None:
             skin = self.skin(instance, [self.place(None, m) for m in _worlds(instance)], None)
         weights = instance.morph_weights if weights is None else weights
@@ -116,6 +117,7 @@ class Nodes:
         if self._shapes.has_resting(instance.mesh) and instance.mesh.deformation is not None:
             count = instance.mesh.deformation.joint_count
             still = instance.transform if joints_from_mesh is None else np.eye(4)
+            # One joint more for vertices without any, which never moves.
             joints = [*joints[:count], self.place(None, still)]
             if joints_from_mesh is not None:
                 joints_from_mesh = np.concatenate([joints_from_mesh[:count], np.eye(4)[None]])
@@ -133,6 +135,7 @@ class Nodes:
         yfov = min(camera.vertical_fov, LARGEST_YFOV)
         lens: dict[str, Any] = {"yfov": yfov, "znear": camera.near}
         if height:
+            # glTF 2.0, 3.10.3.4: the magnifications are half the picture's size; readers take the height from ymag.
             lens = {"xmag": height, "ymag": height, "znear": camera.near, "zfar": max(_FAR, 2 * camera.near)}
         kind = "orthographic" if height else "perspective"
         is_own = height or yfov < camera.vertical_fov
@@ -141,6 +144,7 @@ class Nodes:
             own.setdefault(EXTRAS, {})["ev100"] = camera.ev100
         if camera.has_lens:
             self._content.lose("other programs show cameras with a lens as pinholes", camera.describe())
+        # A field of view that glTF forbids is written as extras too.
         number = self._content.add("cameras", type=kind, **{kind: lens}, extras=own)
         self._content.written[camera] = f"/cameras/{number}", self._content.json["cameras"][number]
         return self.place(parent, matrix, camera=number, name=camera.name, extras=extras)
@@ -165,6 +169,7 @@ class Nodes:
         fields: dict[str, Any] = {"type": kind, "intensity": intensity, "color": color}
         fields["range"] = getattr(light, "range", None)
         if isinstance(light, SpotLight):
+            # The scene allows a little more than pi / 2, for rounding.
             outer = min(light.outer_cone_angle, math.pi / 2)
             fields["spot"] = {"innerConeAngle": light.inner_cone_angle, "outerConeAngle": outer}
         fields["extras"] = write_own(light, OWN_OF_LIGHTS)
@@ -178,6 +183,7 @@ class Nodes:
 
     def _color(self, light: Any, intensity: float) -> tuple[Any, float]:
         """A light's color, which is at most 1 in glTF, and the intensity that makes up for it."""
+        # KHR_lights_punctual: a color is at most 1 by channel.
         excess = max(float(light.color.max()), 1.0)
         if intensity * excess > MAX_INTENSITY:
             self._content.lose(f"lights are dimmed to {MAX_INTENSITY:g}", light.describe())
@@ -222,6 +228,7 @@ def _facing(light: Any) -> Matrix:
     matrix[:3, 3] = getattr(light, "position", (0, 0, 0))
     if light.axes:
         back = -light.direction.astype(np.float64) / np.linalg.norm(light.direction.astype(np.float64))
+        # A light without a horizontal angle may have any.
         right = orthogonal(back[None])[0]
         if "horizontal" in light.axes:
             right = unit(light.horizontal - back * (back @ light.horizontal))

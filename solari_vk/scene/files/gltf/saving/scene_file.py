@@ -95,6 +95,7 @@ class _Writer:
         found: dict[Instance, list[Any]] = {}
         for number, materials in enumerate(scene.variants.values()):
             for instance, material in materials.items():
+                # KHR_materials_variants maps materials to the numbers of variants at each primitive.
                 found.setdefault(instance, []).append((number, material))
         if scene.variants:
             self._content.use(VARIANTS, {"variants": [{"name": name} for name in scene.variants]})

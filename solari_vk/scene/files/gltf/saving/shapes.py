@@ -83,6 +83,7 @@ class Shapes:
 
     @staticmethod
     def _corner_kind(mesh: Mesh) -> tuple[str, str]:
+        # 65535 itself restarts a primitive (glTF 2.0, 3.7.2.1), so that 65535 vertices are the most for two bytes.
         return "u2" if len(mesh.positions) <= _MOST_OF_TWO_BYTES else "u4", "corners"
 
     def _once(self, mesh: Mesh, name: str, values: NDArray[Any], dtype: str = "f4", use: str = "vertices") -> int:
@@ -94,6 +95,7 @@ class Shapes:
     def _all(self, mesh: Mesh, uv_sets: set[int]) -> dict[str, int]:
         found = {"POSITION": self._once(mesh, "POSITION", mesh.positions, use="positions")}
         if mesh.normals is not None:
+            # glTF 2.0, 3.7.2.1: normals and tangents have length 1; triangles without normals are flat.
             normals, _ = fitted_normals(mesh.normals, mesh.triangles, area_vectors(mesh.positions, mesh.triangles))
             found["NORMAL"] = self._once(mesh, "NORMAL", normals)
             if mesh.tangents is not None:
@@ -110,6 +112,7 @@ class Shapes:
         if mesh.second_uvs is not None:
             found["TEXCOORD_1"] = self._once(mesh, "TEXCOORD_1", mesh.second_uvs)
         elif 1 in uv_sets:
+            # A mesh without second uvs has the first ones in their place.
             found["TEXCOORD_1"] = found["TEXCOORD_0"]
         return found | self._joints(mesh)
 

@@ -31,6 +31,7 @@ def add_sky(content: Content, environment: EnvironmentLight, scene: dict[str, An
         sky |= {"type": "plain", "plain": {"color": [float(value) for value in image[0, 0]]}}
     else:
         image, turn = _turned(image, environment.rotation.astype(np.float64))
+        # The extension has no rotation: other programs show the map with +y up and +z in its middle.
         if turn[1, 1] < _UPRIGHT:
             content.lose("other programs show environments upright that are tilted", environment.describe())
         picture = content.add("images", bufferView=content.view(_exr(image)), mimeType="image/x-exr")
@@ -48,12 +49,14 @@ def _turned(image: FloatArray, turn: NDArray[np.float64]) -> tuple[FloatArray, N
     it then shows the same."""
     width = image.shape[1]
     columns = round((math.atan2(turn[0, 2], turn[0, 0]) + math.pi / 2) / (2 * math.pi) * width)
+    # A rotation about the vertical axis is a shift of whole columns, and a rest below one.
     return np.roll(image, -columns, axis=1), turn @ rotation((0, 1, 0), -2 * math.pi * columns / width)
 
 
 def _exr(image: FloatArray) -> bytes:
     import OpenEXR
 
+    # The library writes to paths alone.
     folder = make_temporary_folder()
     path = folder / "sky.exr"
     try:

@@ -77,6 +77,7 @@ class Surfaces:
             "roughnessFactor": material.perceptual_roughness,
         } | self._slots(material, {"base_color_texture": "baseColorTexture"})
         fields: dict[str, Any] = {"name": material.name, "pbrMetallicRoughness": pbr}
+        # Empty fields are left out: these are the format's defaults.
         fields["alphaMode"] = material.alpha_mode.upper() if material.alpha_mode != "opaque" else None
         fields["alphaCutoff"] = material.alpha_cutoff if material.alpha_mode == "mask" else None
         fields["doubleSided"] = material.double_sided or None
@@ -132,6 +133,7 @@ class Surfaces:
             slot["texCoord"] = texture.uv_set
         (a, b, u), (c, d, v) = texture.uv_transform.astype(np.float64).tolist()
         if (a, b, u, c, d, v) != (1, 0, 0, 0, 1, 0):
+            # The matrix is a turn times a scale; the longer axis has the turn more exactly.
             angle = math.atan2(-c, a) if math.hypot(a, c) > math.hypot(b, d) else math.atan2(b, d)
             cosine, sine = math.cos(angle), math.sin(angle)
             scale = cosine * a - sine * c, sine * b + cosine * d
