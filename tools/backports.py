@@ -46,7 +46,8 @@ def from_stanzas(text: str, release: str, backports: str) -> str | None:
 def find_source(files: Iterable[tuple[str, str]], release: str, backports: str) -> tuple[str, str] | None:
     """(suffix, text) of a new file of sources, made from those of the present files; None if none has `release`."""
     for suffix, text in files:
-        made = (from_stanzas if suffix == ".sources" else from_one_line)(text, release, backports)
+        read = from_stanzas if suffix == ".sources" else from_one_line
+        made = read(text, release, backports)
         if made is not None:
             return suffix, made
     return None

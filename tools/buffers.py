@@ -90,13 +90,19 @@ def sources() -> dict[str, list[Source]]:
     """The functions that make a stage, by the stage's name."""
     found: dict[str, list[Source]] = {}
     for path in sorted((ROOT / "solari_vk/passes").rglob("*.py")):
-        for function in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-            if isinstance(function, ast.FunctionDef):
-                for call in ast.walk(function):
-                    if isinstance(call, ast.Call) and isinstance(call.func, ast.Name) and call.func.id == "Stage":
-                        source = Source(path.relative_to(ROOT).as_posix(), ast.get_docstring(function) or "")
-                        found.setdefault(ast.literal_eval(call.args[0]), []).append(source)
+        tree = ast.parse(path.read_text(encoding="utf-8"))
+        for function in (node for node in ast.walk(tree) if isinstance(node, ast.FunctionDef)):
+            source = Source(path.relative_to(ROOT).as_posix(), ast.get_docstring(function) or "")
+            for name in stages_made_by(function):
+                found.setdefault(name, []).append(source)
     return found
+
+
+def stages_made_by(function: ast.FunctionDef) -> Iterator[str]:
+    """The names of the stages that a function calls `Stage` for."""
+    for call in ast.walk(function):
+        if isinstance(call, ast.Call) and isinstance(call.func, ast.Name) and call.func.id == "Stage":
+            yield ast.literal_eval(call.args[0])
 
 
 def source_of(stage: Stage, of_name: dict[str, list[Source]]) -> Source:
@@ -110,7 +116,9 @@ def source_of(stage: Stage, of_name: dict[str, list[Source]]) -> Source:
 def traffic(stages: Sequence[Stage], rows: Sequence[Row]) -> dict[str, Traffic]:
     """Who writes and reads each resource of a frame. From the stage on that declares a buffer within another one's
     memory, the memory has the name of that buffer."""
-    of_name, found, names = sources(), {}, {}
+    of_name = sources()
+    found: dict[str, Traffic] = {}
+    names: dict[str, str] = {}  # by the buffer that lends its memory, the one that has it now
     for stage in stages:
         declared = {**stage.buffers, **stage.images}
         for name, size in declared.items():
@@ -118,24 +126,28 @@ def traffic(stages: Sequence[Stage], rows: Sequence[Row]) -> dict[str, Traffic]:
             if isinstance(size, History):
                 found[f"previous_{name}"] = Traffic(found[name].source)
         names |= {size.host: name for name, size in declared.items() if isinstance(size, Aliased)}
-        for row in rows:
-            if row.stage == stage.name:
-                for kind, accessed in (("writers", row.writes), ("readers", row.reads)):
-                    for name in {names.get(name, name) for name in accessed} & found.keys():
-                        getattr(found[name], kind).setdefault(stage.name, set()).add(row.name.partition(" ")[0])
+        for row in (row for row in rows if row.stage == stage.name):
+            step = row.name.partition(" ")[0]  # without the number of a step that is repeated
+            for name in {names.get(name, name) for name in row.writes} & found.keys():
+                found[name].writers.setdefault(stage.name, set()).add(step)
+            for name in {names.get(name, name) for name in row.reads} & found.keys():
+                found[name].readers.setdefault(stage.name, set()).add(step)
     return found
 
 
 def inputs_and_outputs(stages: Sequence[Stage], rows: Sequence[Row]) -> Iterator[tuple[Source, set[str], set[str]]]:
     """Of each stage what it reads of other stages, and what it writes for others, the host, or its next frame."""
-    found, of_name = traffic(stages, rows), sources()
+    found = traffic(stages, rows)
+    of_name = sources()
 
     def own(name: str, stage: Stage) -> bool:
         return bool({name, name.removeprefix("previous_")} & {*stage.buffers, *stage.images})
 
     def leaves(name: str, stage: str) -> bool:
         readers = {**found[name].readers, **getattr(found.get(f"previous_{name}"), "readers", {})}
-        own_readers, own_writers = readers.pop(stage, set()), found[name].writers[stage]
+        own_readers = readers.pop(stage, set())
+        own_writers = found[name].writers[stage]
+        # What one step alone reads and writes is kept for the stage's next frame.
         return bool(readers) or not own_readers or (own_readers == own_writers and len(own_writers) == 1)
 
     for stage in stages:
@@ -158,15 +170,21 @@ def shaders() -> dict[str, str]:
     return texts | {"solari_vk/passes/first_hits.py": first_hits.glsl_header()}
 
 
+def folders_of(steps_by_stage: dict[str, set[str]]) -> set[str]:
+    """The folders of passes in glsl/passes."""
+    return {step.partition("/")[0] for steps in steps_by_stage.values() for step in steps}
+
+
 def page(frames: Sequence[tuple[Sequence[Stage], Sequence[Row]]]) -> str:
     """The page as Markdown: a table for each file of stages. Passes are named by their folders."""
     tables: dict[str, dict[str, tuple[set[str], set[str]]]] = {}
     for stages, rows in frames:
         for name, each in traffic(stages, rows).items():
-            if not name.startswith("previous_"):
-                known = tables.setdefault(each.source.file, {}).setdefault(name, (set(), set()))
-                for folders, accesses in zip(known, (each.writers, each.readers), strict=True):
-                    folders |= {step.partition("/")[0] for steps in accesses.values() for step in steps}
+            if name.startswith("previous_"):
+                continue
+            writers, readers = tables.setdefault(each.source.file, {}).setdefault(name, (set(), set()))
+            writers |= folders_of(each.writers)
+            readers |= folders_of(each.readers)
     lines = [HEAD]
     for file, resources in sorted(tables.items()):
         lines += [f"## `{file}`", "", "| name | declared in | written by | read by |", "| --- | --- | --- | --- |"]

@@ -68,7 +68,8 @@ def dungeon_room(kit: Path) -> sv.Scene:
 
     for piece, at, turn in PIECES:
         add(piece, at, turn)
-    flame, sphere = sv.Material(emissive=np.array(FLAME), name="flame"), shapes.sphere(segments=16)
+    flame = sv.Material(emissive=np.array(FLAME), name="flame")
+    sphere = shapes.sphere(segments=16)
     lit = [(3.55, 1.0, 1.62, 0.05), (3.82, 0.8, 1.55, 0.05)]
     for x, y, z, turn in TORCHES:
         add("torch_mounted", (x, y, z), turn)

@@ -27,7 +27,9 @@ SHEETS = {
     "gbuffer": ("base_color", "shading_normal", "roughness", "depth", "instance", "motion"),
 }
 SPLIT = ("light_tiles", "di_light", "di_visibility", "di", "gi_radiance", "gi", "specular", "picture")
-COLUMNS, GAP, TITLE = 2, 4, 16
+COLUMNS = 2
+GAP = 4  # pixels, and the height of a title
+TITLE = 16
 
 
 def sheet(panels: dict[str, Image.Image]) -> Image.Image:
@@ -37,7 +39,9 @@ def sheet(panels: dict[str, Image.Image]) -> Image.Image:
     columns = min(COLUMNS, len(panels))
     whole = Image.new("RGB", (columns * (width + GAP) - GAP, rows * (height + TITLE)), "white")
     for number, (name, panel) in enumerate(panels.items()):
-        x, y = number % COLUMNS * (width + GAP), number // COLUMNS * (height + TITLE)
+        row, column = divmod(number, COLUMNS)
+        x = column * (width + GAP)
+        y = row * (height + TITLE)
         ImageDraw.Draw(whole).text((x + 2, y + 2), name, fill="black")
         whole.paste(panel, (x, y + TITLE))
     return whole.quantize(256)  # a third of the bytes
@@ -51,6 +55,14 @@ def tone_mapped(radiance: np.ndarray, exposure: float, folder: Path) -> Image.Im
         shown = picture.convert("RGB")
     path.unlink()
     return shown
+
+
+def pictures_of(frame: sv.RenderedFrame, number: int, folder: Path) -> dict[str, Image.Image]:
+    """A frame before and after the denoiser, by titles with its number."""
+    exposure = frame.camera.exposure
+    return {
+        f"{name}, frame {number}": tone_mapped(frame[name], exposure, folder) for name in ("raw_radiance", "radiance")
+    }
 
 
 def save_views(renderer: sv.Renderer, views: tuple[str, ...], path: Path) -> None:
@@ -80,13 +92,12 @@ def main() -> None:
                 renderer.render()
             save_views(renderer, SPLIT, output / "frame_split.png")
         with sv.Renderer(device, scene, options.size) as renderer:
-            steps = {}
-            for number in range(1, options.frames + 1):
-                frame = renderer.render()
-                if number in (1, options.frames):
-                    for name in ("raw_radiance", "radiance"):
-                        steps[f"{name}, frame {number}"] = tone_mapped(frame[name], scene.camera.exposure, output)
-            sheet(steps).save(output / "frame_picture.png", optimize=True)
+            # The first frame has no history, the last one all that it can have.
+            panels = pictures_of(renderer.render(), 1, output)
+            for _ in range(options.frames - 2):
+                renderer.render()
+            panels |= pictures_of(renderer.render(), options.frames, output)
+            sheet(panels).save(output / "frame_picture.png", optimize=True)
             for name, views in SHEETS.items():
                 save_views(renderer, views, output / f"frame_{name}.png")
 

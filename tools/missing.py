@@ -46,21 +46,23 @@ def missing(job):
     if library((os.environ.get("SOLARI_VK_SHADERC", ""), *COMPILER)) is None and shutil.which("glslc") is None:
         yield "shaderc (its library or glslc)"
     if job == "test":
-        if loader is None or not has_layer(loader):
-            yield "the Vulkan validation layer"
-        if shutil.which("spirv-val") is None:
-            yield "spirv-val"
-        if library(COMPILER) is None and not (shutil.which("ld") and any(Path("/usr/lib").rglob("libglslang.a"))):
-            yield "a libshaderc that can be loaded (or what makes one of Debian 12's: glslang-dev and binutils)"
-        if shutil.which("Xvfb") is None:
-            yield "Xvfb"
-        if shutil.which("xdotool") is None:
-            yield "xdotool"
-        # Mitsuba, which some tests compare with, needs these two.
-        if library(LLVM) is None:
-            yield "LLVM 19"
-        if library(("libatomic.so.1", "libSystem.dylib")) is None:
-            yield "libatomic"
+        yield from missing_for_tests(loader)
+
+
+def missing_for_tests(loader):
+    """Yields the name of each missing thing that only tests need."""
+    if loader is None or not has_layer(loader):
+        yield "the Vulkan validation layer"
+    if library(COMPILER) is None and not (shutil.which("ld") and any(Path("/usr/lib").rglob("libglslang.a"))):
+        yield "a libshaderc that can be loaded (or what makes one of Debian 12's: glslang-dev and binutils)"
+    for program in ("spirv-val", "Xvfb", "xdotool"):
+        if shutil.which(program) is None:
+            yield program
+    # Mitsuba, which some tests compare with, needs these two.
+    if library(LLVM) is None:
+        yield "LLVM 19"
+    if library(("libatomic.so.1", "libSystem.dylib")) is None:
+        yield "libatomic"
 
 
 if __name__ == "__main__":

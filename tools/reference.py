@@ -49,9 +49,8 @@ def names(page: str) -> str:
     for name, members in NAMED.findall(page):
         found = _object(name)
         if inspect.ismodule(found):
-            lines += [_line(getattr(found, each), each, "") for each in members.split(", ") if members] or [
-                _line(getattr(found, each), each, "") for each in _public(found)
-            ]
+            shown = members.split(", ") if members else _public(found)
+            lines += [_line(getattr(found, each), each, "") for each in shown]
         else:
             lines.append(_line(found, name.rpartition(".")[2], members))
     return "\n".join(lines) + "\n"
@@ -60,8 +59,10 @@ def names(page: str) -> str:
 def _line(found: Any, name: str, members: str) -> str:
     sentence = re.split(r"(?<=\.)\s", inspect.cleandoc(found.__doc__ or ""), maxsplit=1)[0].partition("\n\n")[0]
     line = f"- **`{name}({', '.join(_arguments(found))})`** {' '.join(sentence.split())}"
-    if inspect.isclass(found) and (own := members.split(", ") if members else _methods(found)):
-        line += f" Has {', '.join(f'`{each}`' for each in own)}."
+    if inspect.isclass(found):
+        methods = members.split(", ") if members else _methods(found)
+        if methods:
+            line += f" Has {', '.join(f'`{each}`' for each in methods)}."
     return line
 
 
@@ -89,7 +90,8 @@ def _object(name: str) -> Any:
 
 def _public(module: Any) -> list[str]:
     """The functions and classes that a module defines, or those that it says it offers, in their order."""
-    if offered := getattr(module, "__all__", None):
+    offered = getattr(module, "__all__", None)
+    if offered:
         return [name for name in offered if callable(getattr(module, name))]
     return [
         name

@@ -47,8 +47,8 @@ def cloud(points: NDArray[np.void], camera: sv.Camera) -> NDArray[np.uint8]:
     pixels = camera.project(at, SIZE)
     inside = (np.isfinite(pixels) & (pixels > -0.5) & (pixels < np.array(SIZE) - 0.5)).all(axis=-1)
     columns, rows = np.rint(pixels[inside]).astype(int).T
-    picture[rows, columns] = colors(at[inside, 1] / at[:, 1].max()) * np.clip(
-        DARKEST + points["intensity"][inside, None], 0, 1)  # fmt: skip
+    brightness = np.clip(DARKEST + points["intensity"][inside, None], 0, 1)
+    picture[rows, columns] = colors(at[inside, 1] / at[:, 1].max()) * brightness
     return picture
 
 

@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Prints the size of a checkout: lines by folder, import circles, wide GLSL lines, the longest files, tests.
+"""Prints the size of a checkout: lines by folder, of core and wings, import circles, the longest files, tests.
 
 Usage: python tools/size.py [ROOT]     ROOT is the folder of a checkout, by default the one of this file.
 """
@@ -11,11 +11,13 @@ import os
 import subprocess
 import sys
 from collections import Counter
+from collections.abc import Container
 from pathlib import Path
 
 FOLDERS = ("solari_vk", "glsl", "tests", "tools", "docs")
 SHADER_SUFFIXES = {".glsl", ".comp", ".vert", ".frag", ".rgen", ".rmiss", ".rchit", ".rahit", ".rint"}
 SUFFIXES = {".py", ".sh", ".md", "", *SHADER_SUFFIXES}
+WINGS = ("data", "studio", "lab")  # the rooms of the package that the core doesn't import
 WIDEST = 120  # columns of a GLSL line
 
 
@@ -26,28 +28,31 @@ def import_graph(package: Path) -> dict[str, set[str]]:
         ".".join(path.relative_to(package.parent).with_suffix("").parts).removesuffix(".__init__"): path
         for path in package.rglob("*.py")
     }
-    graph: dict[str, set[str]] = {}
-    for module, path in paths.items():
-        names: set[str] = set()
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-            if isinstance(node, ast.Import):
-                names |= {alias.name for alias in node.names}
-            elif isinstance(node, ast.ImportFrom):
-                if node.level or node.module is None:
-                    raise ValueError(f"{path}:{node.lineno}: imports are absolute")
-                inner = [f"{node.module}.{alias.name}" for alias in node.names]
-                names |= {name if name in paths else node.module for name in inner}
-            elif isinstance(node, ast.Call) and ast.unparse(node.func).endswith("import_module"):
-                names |= {arg.value for arg in node.args if isinstance(arg, ast.Constant)}
-        graph[module] = (names & paths.keys()) - {module}
-    return graph
+    return {module: (imported_names(path, paths) & paths.keys()) - {module} for module, path in paths.items()}
+
+
+def imported_names(path: Path, known: Container[str]) -> set[str]:
+    """What a file imports. known: the modules of the package, of which `from package import name` may be one."""
+    names: set[str] = set()
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            names |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            if node.level or node.module is None:
+                raise ValueError(f"{path}:{node.lineno}: imports are absolute")
+            inner = [f"{node.module}.{alias.name}" for alias in node.names]
+            names |= {name if name in known else node.module for name in inner}
+        elif isinstance(node, ast.Call) and ast.unparse(node.func).endswith("import_module"):
+            names |= {arg.value for arg in node.args if isinstance(arg, ast.Constant)}
+    return names
 
 
 def circles(graph: dict[str, set[str]]) -> list[list[str]]:
     """The groups of nodes that reach each other, directly or through others; the largest group comes first."""
     reached = {}
     for start in graph:
-        found, waiting = set[str](), [start]
+        found: set[str] = set()
+        waiting = [start]
         while waiting:
             for name in graph.get(waiting.pop(), set()) - found:
                 found.add(name)
@@ -90,6 +95,7 @@ def collected_tests(root: Path) -> str:
 
 def main(root: Path) -> None:
     """Print the report."""
+    # Pages aren't counted: they may be as long as a reader needs.
     counts = line_counts(root)
     by_folder = Counter[str]()
     for path, count in counts.items():
@@ -100,6 +106,9 @@ def main(root: Path) -> None:
             by_folder["/".join(path.parts[:2])] += count
     for folder, count in sorted(by_folder.items()):
         print(f"{count:7,}  {'  ' if '/' in folder else ''}{folder}")
+    wings = sum(by_folder[f"solari_vk/{name}"] for name in WINGS)
+    print(f"{by_folder['solari_vk'] - wings:7,}  core: solari_vk without {', '.join(WINGS)}")
+    print(f"{wings:7,}  wings")
     print(f"{sum(by_folder[name] for name in ('solari_vk', 'glsl', 'tests')):7,}  solari_vk + glsl + tests")
     found = circles(import_graph(root / "solari_vk"))
     print(f"import circles: {len(found)}, the longest of {max(map(len, found), default=0)} modules")

@@ -39,8 +39,11 @@ OPENINGS: dict[str, Opening] = {
     **{name: lambda name=name: sv.builtin(name) for name in BUILTIN},
 }
 WIDEST = 48  # pixels
-ACTIONS, LONG_ROUND, LONG_ACTIONS = 60, 6, 300  # every sixth round is long
-SEEDS, BIAS = 8, 0.1  # of the comparison with the path tracer: its runs, and what realtime frames may be off by
+ACTIONS = 60
+LONG_ROUND = 6  # every sixth round is long
+LONG_ACTIONS = 300
+SEEDS = 8  # runs of the comparison with the path tracer
+BIAS = 0.1  # by which realtime frames may be off then
 DEVICE_ROUNDS = 9
 GROWTH = 64e6  # bytes that the process and the device's memory may grow by after the first rounds
 FIRST_ROUNDS = 6
@@ -52,7 +55,10 @@ class Soak:
     """A scene with its renderers, and the random actions on them."""
 
     def __init__(self, device: sv.Device, scene: sv.Scene, rng: np.random.Generator, folder: Path) -> None:
-        self.rng, self.scene, self.device, self.folder = rng, scene, device, folder
+        self.rng = rng
+        self.scene = scene
+        self.device = device
+        self.folder = folder
         self.counts: Counter[str] = Counter()
         self.added: list[sv.Instance] = []
         self.lamps: list[Any] = []
@@ -140,7 +146,8 @@ class Soak:
         if self.lamps and self.rng.random() < 0.5:
             self.scene.remove(self.lamps.pop(self.rng.integers(len(self.lamps))))
             return
-        direction, radius = self.rng.normal(size=3), 0.05 * float(self.rng.integers(2))
+        direction = self.rng.normal(size=3)
+        radius = 0.05 * float(self.rng.integers(2))
         self.lamps.append(
             self.scene.add(
                 self.one_of(
@@ -167,21 +174,25 @@ class Soak:
         mesh.positions = mesh.positions + self.rng.normal(size=mesh.positions.shape) * 1e-3
 
     def set(self) -> None:
-        name = self.one_of(list(FIELDS))
-        field, default = FIELDS[name], DEFAULTS[name]
         if self.rng.random() < 0.3:
             self.realtime.settings.reset()
-        elif field.choices:
-            setattr(self.realtime.settings, name, self.one_of(field.choices))
-        elif isinstance(default, bool):
-            setattr(self.realtime.settings, name, bool(self.rng.integers(2)))
-        elif name in MODEST:
-            setattr(self.realtime.settings, name, MODEST[name])
         else:
-            value = np.clip(default * 2.0 ** self.rng.normal(), field.low, field.high)
-            setattr(self.realtime.settings, name, int(value) if isinstance(default, int) else float(value))
+            name = self.one_of(list(FIELDS))
+            setattr(self.realtime.settings, name, self.value_of(name))
         if self.realtime.view not in views_of(self.realtime.settings.lighting):
             self.realtime.view = "picture"
+
+    def value_of(self, name: str) -> Any:
+        """A random value of a setting."""
+        field, default = FIELDS[name], DEFAULTS[name]
+        if field.choices:
+            return self.one_of(field.choices)
+        if isinstance(default, bool):
+            return bool(self.rng.integers(2))
+        if name in MODEST:
+            return MODEST[name]
+        value = np.clip(default * 2.0 ** self.rng.normal(), field.low, field.high)
+        return int(value) if isinstance(default, int) else float(value)
 
     def resize(self) -> None:
         self.realtime.resize(self.size())
@@ -318,8 +329,11 @@ def main() -> int:
     options = parser.parse_args()
     openings = OPENINGS | {str(path): lambda path=path: sv.load(path) for path in options.files}
     counts: Counter[str] = Counter()
-    ratios, sizes = list[float](), list[tuple[int, int, int]]()
-    end, number, device = time.monotonic() + 60 * options.minutes, options.first, sv.Device(validation=True)
+    ratios: list[float] = []
+    sizes: list[tuple[int, int, int]] = []
+    end = time.monotonic() + 60 * options.minutes
+    number = options.first
+    device = sv.Device(validation=True)
     while time.monotonic() < end:
         rng = np.random.default_rng((options.seed, number))
         subject = list(openings)[rng.integers(len(openings))]

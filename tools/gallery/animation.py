@@ -19,9 +19,15 @@ def scene(assets: Path | None) -> sv.Scene:
     """Foxes that run, if the assets have one, else tentacles; copies of one instance at several times of its clip."""
     file = None if assets is None else assets / "Fox" / "Fox.glb"
     if file is not None and file.is_file():
-        made, clip, step, duration = sv.load_gltf(file), "Run", (60.0, 0.0, -70.0), 1.1583
+        made = sv.load_gltf(file)
+        clip = "Run"
+        duration = 1.1583
+        step = (60.0, 0.0, -70.0)
     else:
-        made, clip, step, duration = character(), "sway", (0.9, 0.0, -0.5), 2.0
+        made = character()
+        clip = "sway"
+        duration = 2.0
+        step = (0.9, 0.0, -0.5)
     moving = next(instance for instance in made if instance.posed)
     for number in range(POSES):
         made.animate(duration * number / POSES, clip)

@@ -14,7 +14,9 @@ from PIL import Image, ImageDraw
 
 import solari_vk as sv
 
-YELLOW, BLUE, WHITE = (255, 210, 40), (60, 160, 255), (255, 255, 255)
+YELLOW = (255, 210, 40)
+BLUE = (60, 160, 255)
+WHITE = (255, 255, 255)
 
 
 def scene(assets: Path | None) -> sv.Scene:
@@ -39,7 +41,8 @@ def scene(assets: Path | None) -> sv.Scene:
 def draw(device: sv.Device, made: sv.Scene, picture: Image.Image) -> Image.Image:
     """The picture with boxes."""
     drawn = picture.copy()
-    pen, things = ImageDraw.Draw(drawn), [thing for thing in made.instances if thing.label]
+    pen = ImageDraw.Draw(drawn)
+    things = [thing for thing in made.instances if thing.label]
     with sv.RayTracer(device, made) as tracer:
         whole = sv.silhouettes(tracer, made.camera, picture.size)
     with sv.PathTracer(device, made, picture.size) as reference:

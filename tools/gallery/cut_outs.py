@@ -35,7 +35,9 @@ def scene(assets: Path | None) -> sv.Scene:
     material = sv.Material(base_color_texture=leaf(), alpha_mode="mask", double_sided=True, roughness=0.5)
     square = shapes.quad((0, 0.5, 0), (0.5, 0, 0), (0, 0.5, 0))
     for _ in range(90):
-        angle, tilt, size = rng.uniform(0, 2 * np.pi), rng.uniform(0.2, 1.2), rng.uniform(0.5, 1.0)
+        angle = rng.uniform(0, 2 * np.pi)
+        tilt = rng.uniform(0.2, 1.2)
+        size = rng.uniform(0.5, 1.0)
         along = np.array([np.cos(angle) * np.sin(tilt), np.cos(tilt), np.sin(angle) * np.sin(tilt)])
         side = np.cross(along, rng.normal(size=3))
         side /= np.linalg.norm(side)

@@ -13,7 +13,9 @@ import numpy as np
 
 import solari_vk as sv
 
-TURNS, AROUND, ALONG = 4.2, 96, 1200
+TURNS = 4.2
+AROUND = 96  # points around the tube, and along the spiral
+ALONG = 1200
 
 
 def ammonite() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -43,7 +45,8 @@ def scene(assets: Path) -> sv.Scene:
     vertices["place"] = points[:, [0, 2, 1]]
     vertices["color"] = np.clip(colors, 0, 255)
     faces = np.zeros(len(triangles), np.dtype([("count", "u1"), ("corners", "<i4", 3)]))
-    faces["count"], faces["corners"] = 3, triangles[:, ::-1]
+    faces["count"] = 3
+    faces["corners"] = triangles[:, ::-1]
     numbers = "".join(f"property float {axis}\n" for axis in "xyz")
     numbers += "".join(f"property uchar {channel}\n" for channel in ("red", "green", "blue"))
     header = (

@@ -21,12 +21,17 @@ def island() -> sv.Mesh:
     height = np.zeros_like(x)
     for octave in range(1, 8):
         for _ in range(3):
-            wave, phase = random.normal(size=2) * 0.55 * 1.9**octave / 1.9, random.uniform(0, 2 * np.pi)
+            wave = random.normal(size=2) * 0.55 * 1.9**octave / 1.9
+            phase = random.uniform(0, 2 * np.pi)
             height += (1 - 2 * abs(np.sin(x * wave[0] + z * wave[1] + phase))) * 0.52**octave * 0.5
     height = (1.45 + height) * np.exp(-((x / 2.3) ** 2 + (z / 1.9) ** 2)) - 0.22
     colors = np.stack([np.interp(height, LEVELS, channel) for channel in COLORS.T], axis=-1)
     number = np.arange(SIDE * SIDE).reshape(SIDE, SIDE)
-    a, b, c, d = number[:-1, :-1], number[1:, :-1], number[:-1, 1:], number[1:, 1:]
+    # The corners of each square of the grid, in two triangles.
+    a = number[:-1, :-1]
+    b = number[1:, :-1]
+    c = number[:-1, 1:]
+    d = number[1:, 1:]
     triangles = np.stack([a, b, c, c, b, d], axis=-1).reshape(-1, 3)
     return sv.Mesh(np.stack([x, height, z], axis=-1).reshape(-1, 3), triangles, colors=colors.reshape(-1, 3))
 

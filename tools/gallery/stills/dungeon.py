@@ -14,7 +14,9 @@ import solari_vk as sv
 
 SAMPLES = 64
 ROOM = runpy.run_path(str(Path(__file__).parents[2] / "dungeon_room.py"))
-CHEST, COINS, CANDLE = (1.75, 0, 1.3), (0.55, 0, 2.1), (-1.15, 0, 2.9)
+CHEST = (1.75, 0, 1.3)
+COINS = (0.55, 0, 2.1)
+CANDLE = (-1.15, 0, 2.9)
 
 
 def scene(assets: Path) -> sv.Scene:

@@ -12,16 +12,15 @@ from pathlib import Path
 import numpy as np
 
 import solari_vk as sv
+from solari_vk.scene.matrices import rotation
 
 SAMPLES = 128
 
 
 def placed(at: tuple[float, float, float], turn: float = 0.0, tilt: float = 0.0) -> np.ndarray:
     """A turn about y after a tilt about x, both in radians, and then a shift in centimeters: (4, 4)."""
-    c, s, d, t = math.cos(turn), math.sin(turn), math.cos(tilt), math.sin(tilt)
-    about_x = np.array([[1, 0, 0], [0, d, -t], [0, t, d]])
     found = np.eye(4)
-    found[:3, :3] = np.array([[c, 0, s], [0, 1, 0], [-s, 0, c]]) @ about_x
+    found[:3, :3] = rotation((0, 1, 0), turn) @ rotation((1, 0, 0), tilt)
     found[:3, 3] = at
     return found
 
@@ -34,7 +33,8 @@ def strap(side: int) -> sv.Mesh:
     along = np.append(angle, angle[-1])
     width = 0.86 - 0.0016 * np.arange(97)
     up = 0.11 * np.stack([0 * along, np.cos(along), np.sin(along)], axis=1)
-    middle, across = np.stack([0 * z, y, z], axis=1), width[:, None] * (1, 0, 0)
+    middle = np.stack([0 * z, y, z], axis=1)
+    across = width[:, None] * (1, 0, 0)
     corners = [middle - across - up, middle + across - up, middle + across + up, middle - across + up]
     quads = [
         np.stack([a[:-1], b[:-1], b[1:], a[1:]], axis=1)
@@ -55,7 +55,9 @@ def scene(assets: Path) -> sv.Scene:
     white = sv.Material(base_color=0.85, roughness=0.4)
     crystal = sv.Material(transmission=1, roughness=0, double_sided=True)
     leather = sv.Material(base_color=(0.16, 0.06, 0.025), roughness=0.55, sheen_color=(0.3, 0.2, 0.15))
-    torus, cylinder, box = sv.shapes.torus, sv.shapes.cylinder, sv.shapes.box
+    torus = sv.shapes.torus
+    cylinder = sv.shapes.cylinder
+    box = sv.shapes.box
     turn = np.arange(96) * math.pi / 48
     rim = 1.66 * np.stack([np.sin(turn), 0 * turn, np.cos(turn)], axis=1)
     parts = []
