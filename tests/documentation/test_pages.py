@@ -219,6 +219,13 @@ def test_tools_are_there():
             assert "NAME" in path or (ROOT / path).exists(), f"{name_of(page)}: {path}"
 
 
+def test_files_that_contributors_edit_are_there():
+    text = text_of(ROOT / "CONTRIBUTING.md")
+    paths = re.findall(r"`((?:solari_vk|glsl|tests|tools|docs)/[\w/.]+)`", text)
+    assert len(paths) > 20
+    assert [path for path in paths if "NAME" not in path and not (ROOT / path).exists()] == []
+
+
 # ---- links and names --------------------------------------------------------------------------------
 
 
