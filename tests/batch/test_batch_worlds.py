@@ -248,6 +248,14 @@ def lights_of(world, everything):
     return made
 
 
+def begin_noise_again(batch, reset=False):
+    """Let the next frame of a realtime batch have the noise of the first; the reference's never differs."""
+    if batch._realtime is not None:
+        batch._realtime.frame_count = 0
+        if reset:
+            batch._realtime.reset()
+
+
 @pytest.mark.parametrize("everything", [False, pytest.param(True, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("renderer", ["reference", "realtime"])
 def test_worlds_have_materials_and_lights_of_their_own(device, renderer, everything):
@@ -281,17 +289,14 @@ def test_worlds_have_materials_and_lights_of_their_own(device, renderer, everyth
     views, poses = 2 * WORLDS, np.tile(CAMERAS, (WORLDS, 1, 1))
     with sv.Batch(device, scene, SIZE, views, worlds=WORLDS, **options) as batch:
         before = batch.render(poses, fov=50)["radiance"]
-        if batch._realtime is not None:
-            batch._realtime.frame_count = 0  # the same noise
-            batch._realtime.reset()
+        begin_noise_again(batch, reset=True)
         found = frames_of(batch, poses, apply=together)
         assert batch.world_lights["sun"] == [made["sun"] for made in lights]
         shown = {batch.materials[row] for row in np.unique(found[2].pop("material_id")) if row in batch.materials}
         assert {made["tall block"] for made in materials} < shown
         for given in (batch.world_materials, batch.world_lights, batch.transforms):
             given.clear()
-        if batch._realtime is not None:
-            batch._realtime.frame_count = 0
+        begin_noise_again(batch)
         np.testing.assert_array_equal(batch.render(poses, fov=50, reset=True)["radiance"], before)
     seeds = numbered_seeds(3, views).reshape(WORLDS, 2)
     for world in range(WORLDS):

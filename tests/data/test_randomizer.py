@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import yaml
+from support.scenes import field_names
 
 import solari_vk as sv
 from solari_vk.base.errors import SolariError
@@ -63,7 +64,7 @@ def state(scene):
 
     objects = [*scene.instances, *scene.lights, *(instance.material for instance in scene.instances)]
     return [
-        (type(item).__name__, [plain(getattr(item, name)) for name in type(item)._names if name != "material"])
+        (type(item).__name__, [plain(getattr(item, name)) for name in field_names(type(item)) if name != "material"])
         for item in objects
     ]
 

@@ -321,8 +321,17 @@ def libshaderc(tmp_path_factory):
     folder = next((path.parent for path in Path("/usr/lib").rglob("libglslang.a")), None)
     if folder is None or shutil.which("ld") is None:
         pytest.fail(f"{name} leaves symbols undefined, and what defines them is missing: glslang-dev or binutils")
-    parts = ("glslang", "MachineIndependent", "GenericCodeGen", "OSDependent", "OGLCompiler", "HLSL", "SPIRV",
-             "SPIRV-Tools-opt", "SPIRV-Tools")  # fmt: skip
+    parts = [
+        "glslang",
+        "MachineIndependent",
+        "GenericCodeGen",
+        "OSDependent",
+        "OGLCompiler",
+        "HLSL",
+        "SPIRV",
+        "SPIRV-Tools-opt",
+        "SPIRV-Tools",
+    ]
     whole = tmp_path_factory.mktemp("libshaderc") / "libshaderc_whole.so"
     subprocess.run(
         [

@@ -532,12 +532,20 @@ def test_mitsuba_takes_every_kind_of_material(renderer):
     """Cycles takes them from the file."""
     pixels = np.full((2, 2, 4), 128, np.uint8)
     kinds = [
-        {"transmission": 1}, {"transmission": 1, "solid": True}, {"transmission": 1, "solid": True, "roughness": 0},
-        {"transmission": 0.5, "transmission_texture": pixels}, {"clearcoat": 1, "clearcoat_roughness": 0.2},
-        {"alpha_mode": "mask", "base_color_texture": pixels}, {"alpha_mode": "blend", "alpha": 0.5},
-        {"emissive": 3, "emissive_texture": pixels}, {"normal_texture": pixels, "metallic_roughness_texture": pixels},
-        {"unlit": True}, {"specular": 0, "base_color_texture": pixels}, {"ior": 1.0}, {"metallic": 1, "roughness": 0},
-    ]  # fmt: skip
+        {"transmission": 1},
+        {"transmission": 1, "solid": True},
+        {"transmission": 1, "solid": True, "roughness": 0},
+        {"transmission": 0.5, "transmission_texture": pixels},
+        {"clearcoat": 1, "clearcoat_roughness": 0.2},
+        {"alpha_mode": "mask", "base_color_texture": pixels},
+        {"alpha_mode": "blend", "alpha": 0.5},
+        {"emissive": 3, "emissive_texture": pixels},
+        {"normal_texture": pixels, "metallic_roughness_texture": pixels},
+        {"unlit": True},
+        {"specular": 0, "base_color_texture": pixels},
+        {"ior": 1.0},
+        {"metallic": 1, "roughness": 0},
+    ]
     scene, camera = sv.load(renderer.file), sv.Camera.look_at((0, 3, 3), (0, 0, 0))
     mesh = sv.Mesh(np.eye(3), normals=np.eye(3), uvs=np.eye(3)[:, :2], colors=np.eye(3))
     for index, fields in enumerate(kinds):

@@ -19,12 +19,29 @@ import solari_vk as sv
 from solari_vk.gpu.device import raw
 
 MEMORY = (
-    "vkAllocateMemory", "vkMapMemory", "vkAllocateCommandBuffers", "vkAllocateDescriptorSets", "vkBindBufferMemory",
-    "vkBindImageMemory", "vkCreateAccelerationStructureKHR", "vkCreateBuffer", "vkCreateCommandPool",
-    "vkCreateDescriptorPool", "vkCreateDescriptorSetLayout", "vkCreateFence", "vkCreateImage", "vkCreateImageView",
-    "vkCreatePipelineCache", "vkCreatePipelineLayout", "vkCreateQueryPool", "vkCreateSampler", "vkCreateSemaphore",
-    "vkBeginCommandBuffer", "vkEndCommandBuffer", "vkQueueSubmit2",
-)  # fmt: skip
+    "vkAllocateMemory",
+    "vkMapMemory",
+    "vkAllocateCommandBuffers",
+    "vkAllocateDescriptorSets",
+    "vkBindBufferMemory",
+    "vkBindImageMemory",
+    "vkCreateAccelerationStructureKHR",
+    "vkCreateBuffer",
+    "vkCreateCommandPool",
+    "vkCreateDescriptorPool",
+    "vkCreateDescriptorSetLayout",
+    "vkCreateFence",
+    "vkCreateImage",
+    "vkCreateImageView",
+    "vkCreatePipelineCache",
+    "vkCreatePipelineLayout",
+    "vkCreateQueryPool",
+    "vkCreateSampler",
+    "vkCreateSemaphore",
+    "vkBeginCommandBuffer",
+    "vkEndCommandBuffer",
+    "vkQueueSubmit2",
+)
 PIPELINES = "vkCreateShaderModule", "vkCreateComputePipelines", "vkCreateGraphicsPipelines"
 """These and MEMORY are the calls that may return VK_ERROR_OUT_OF_DEVICE_MEMORY."""
 LOSS = ("vkQueueSubmit2", "vkWaitSemaphores", "vkGetSemaphoreCounterValue", "vkResetFences", "vkWaitForFences")

@@ -6,7 +6,7 @@ import weakref
 
 import numpy as np
 import pytest
-from support.frames import DIRECT, leaves_nothing, make_renderer
+from support.frames import DIRECT, leaves_nothing, make_renderer, uniforms_of
 
 import solari_vk as sv
 from solari_vk.bound.binder import SceneBinder
@@ -179,7 +179,7 @@ def test_assignments_to_a_camera_are_in_the_next_frame(device, renderer, scene):
 def test_uniforms_follow_seed_history_and_frames(renderer, scene):
     def found():
         renderer.render(scene.camera)
-        return tuple(int(renderer._frame.uniforms[f"this_frame.{name}"]) for name in ("seed", "index", "has_history"))
+        return tuple(int(uniforms_of(renderer)[f"this_frame.{name}"]) for name in ("seed", "index", "has_history"))
 
     assert [found(), found()] == [(0, 0, 0), (0, 1, 1)]
     renderer.seed = 7
@@ -197,7 +197,7 @@ def test_uniforms_outlast_other_blocks(renderer, scene):
     renderer.view = "depth"
     for _ in range(2):
         renderer.render(scene.camera)
-    uniforms = renderer._frame.uniforms
+    uniforms = uniforms_of(renderer)
     declared = {name: uniforms.record(name).copy() for name in reversed(uniforms.offsets)}
     declared["this_frame"]["index"] += 1
     uniforms.declare({})
@@ -219,12 +219,12 @@ def test_uniforms_are_written_after_an_error(renderer, scene, monkeypatch):
     frame = renderer.render(scene.camera)
     np.testing.assert_array_equal(frame["gbuffer_depth"], depth)
     assert np.abs(frame["motion_vectors"].astype(float)).max() < 1e-3
-    assert not renderer._frame.uniforms["this_frame.has_history"]
+    assert not uniforms_of(renderer)["this_frame.has_history"]
 
 
 def test_every_device_has_enough_uniform_blocks(renderer):
     """Vulkan promises shaders 12 uniform buffers in one stage; the blocks of all passes count."""
-    blocks = set(renderer._frame.uniforms.offsets)
+    blocks = set(uniforms_of(renderer).offsets)
     assert {"camera", "previous_camera", "this_frame", "display_settings"} < blocks
     assert len(blocks) <= 12
 

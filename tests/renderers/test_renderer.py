@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from support.frames import leaves_nothing
+from support.frames import choose_dispatches, leaves_nothing
 
 import solari_vk as sv
 
@@ -57,8 +57,7 @@ def test_a_resize_that_fails_on_the_device_changes_nothing(device, scene, monkey
         sv.PathTracer(device, scene, size, max_bounces=1) as renderer,
         sv.PathTracer(device, scene, size, max_bounces=1) as fresh,
     ):
-        renderer._dispatch.rows = 8
-        renderer._frame.rebuild(renderer._stages(renderer.size))
+        choose_dispatches(renderer, rows=8)
         renderer.render(scene.camera, samples=1)
         with monkeypatch.context() as patch:
             patch.setattr(renderer._frame, "rebuild", lambda *_: 1 / 0)
@@ -81,9 +80,7 @@ def test_dispatch_sizes_leave_the_picture_alone(device, scene):
     pictures = []
     for batch, rows in ((1, 21), (7, 21), (3, 8)):
         with sv.PathTracer(device, scene, (16, 21), seed=3) as renderer:
-            renderer._dispatch.rows, renderer._dispatch.samples = rows, batch
-            renderer._dispatch.next_measurement = 10**9
-            renderer._frame.rebuild(renderer._stages(renderer.size))
+            choose_dispatches(renderer, rows, batch)
             pictures.append(renderer.render(scene.camera, samples=14)["radiance"])
     for other in pictures[1:]:
         np.testing.assert_array_equal(other, pictures[0])

@@ -106,9 +106,27 @@ def show_image(basic, **image):
     basic.json["meshes"][0]["primitives"][0]["material"] = material
 
 
-URIS = ["../secret.bin", "..%2fsecret.bin", "%2e%2e/secret.bin", "sub/../../secret.bin", "/etc/passwd", "file:///etc/passwd",
-        "%2Fetc%2Fpasswd", "http://127.0.0.1:9/x.bin", "C:\\secret.bin", "..\\secret.bin", "sub\\secret.bin",
-        "link.bin", "linked/secret.bin", "\\\\host\\share", "~/x", ".", "", "a\0b", "file%00"]  # fmt: skip
+URIS = [
+    "../secret.bin",
+    "..%2fsecret.bin",
+    "%2e%2e/secret.bin",
+    "sub/../../secret.bin",
+    "/etc/passwd",
+    "file:///etc/passwd",
+    "%2Fetc%2Fpasswd",
+    "http://127.0.0.1:9/x.bin",
+    "C:\\secret.bin",
+    "..\\secret.bin",
+    "sub\\secret.bin",
+    "link.bin",
+    "linked/secret.bin",
+    "\\\\host\\share",
+    "~/x",
+    ".",
+    "",
+    "a\0b",
+    "file%00",
+]
 
 
 @pytest.mark.parametrize("kind", ["buffers", "images"])

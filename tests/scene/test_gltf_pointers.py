@@ -8,7 +8,7 @@ import warnings
 
 import numpy as np
 import pytest
-from support.scenes import check_same
+from support.scenes import check_same, field_names
 
 import solari_vk as sv
 from solari_vk.scene.files.gltf.pointers import DEFAULTS
@@ -86,7 +86,7 @@ def test_properties_follow_their_keys(pointed, pointer, values, item, field, exp
     scene = pointed.point(pointer, *values).load(strict=True)
     assert scene.warnings == []
     at_rest = np.copy(getattr(item(scene), field))
-    others = {name: getattr(item(scene), name) for name in item(scene)._names if name != field}
+    others = {name: getattr(item(scene), name) for name in field_names(item(scene)) if name != field}
     scene.animate(0.25)
     np.testing.assert_allclose(getattr(item(scene), field), expected, rtol=1e-6)
     assert not np.array_equal(at_rest, expected)
@@ -318,7 +318,7 @@ def test_every_property_is_read(pointed):
             seen = []
             for seconds in (0, 0.9):
                 scene.animate(seconds)
-                seen.append([repr(getattr(item, name)) for name in item._names])
+                seen.append([repr(getattr(item, name)) for name in field_names(item)])
             thickness = path.endswith("thicknessFactor")  # any is a solid
             assert (seen[0] != seen[1]) != thickness, path
             assert isinstance(item, sv.Material | sv.Camera | sv.SpotLight)

@@ -129,9 +129,24 @@ def make_renderer(device, scene, size=FRAME_SIZE, seed=0, passes=None, **setting
     return PartialRenderer(device, scene, size, chosen, seed=seed, passes=passes)
 
 
+def uniforms_of(renderer):
+    """The uniform blocks of a renderer's latest frame, which no user of a renderer needs."""
+    return renderer._frame.uniforms
+
+
 def get_jitter(renderer):
     """The offset of the latest frame's samples from pixel centers, (x, y) in pixels."""
-    return np.array(renderer._frame.uniforms["camera.jitter"], np.float64)
+    return np.array(uniforms_of(renderer)["camera.jitter"], np.float64)
+
+
+def choose_dispatches(tracer, rows=None, samples=None):
+    """Let a path tracer's dispatches take so many rows and samples, which it chooses by their time otherwise."""
+    if samples is not None:
+        tracer._dispatch.samples = samples
+        tracer._dispatch.next_measurement = 10**9  # a number of samples that no test reaches
+    if rows is not None:
+        tracer._dispatch.rows = rows
+        tracer._frame.rebuild(tracer._stages(tracer.size))
 
 
 def read_radiance(frame, name="sample_radiance"):

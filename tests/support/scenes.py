@@ -269,7 +269,7 @@ def triangles_with_area(mesh):
 
 
 def check_material(found, wanted):
-    for name in OF_UNLIT if wanted.unlit else wanted._names:
+    for name in OF_UNLIT if wanted.unlit else field_names(wanted):
         ours, theirs = getattr(found, name), getattr(wanted, name)
         if isinstance(theirs, Texture):
             check_texture(ours, theirs, name)
@@ -293,11 +293,16 @@ def check_texture(found, wanted, name):
         assert getattr(found, field) == getattr(wanted, field), f"{name}: {field}"
 
 
+def field_names(item):
+    """The names of the fields of a scene's object, or of its class."""
+    return [field.name for field in dataclasses.fields(item)]
+
+
 def check_fields(found, wanted):
     """Cameras and lights."""
     assert type(found) is type(wanted)
     strength = next((name for name in ("intensity", "illuminance") if hasattr(wanted, name)), None)
-    for name in (field.name for field in dataclasses.fields(wanted) if field.name not in ("name", "color", strength)):
+    for name in set(field_names(wanted)) - {"name", "color", strength}:
         a, b = getattr(found, name), getattr(wanted, name)
         assert (a is None) == (b is None), name
         if isinstance(b, str):

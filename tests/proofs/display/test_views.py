@@ -33,10 +33,19 @@ SURFACE = {
 }
 # Views of numbers, and whether a pixel without a number is black.
 NUMBERS = {
-    "depth": False, "guide_depth": False, "cache_lod": False, "cache_samples": True, "cache_life": True,
-    "paths_distance": True, "denoise_frames": False, "denoise_noise": False, "di_confidence": False,
-    "di_weight": True, "gi_confidence": False, "gi_weight": False,
-}  # fmt: skip
+    "depth": False,
+    "guide_depth": False,
+    "cache_lod": False,
+    "cache_samples": True,
+    "cache_life": True,
+    "paths_distance": True,
+    "denoise_frames": False,
+    "denoise_noise": False,
+    "di_confidence": False,
+    "di_weight": True,
+    "gi_confidence": False,
+    "gi_weight": False,
+}
 # Five colors of Viridis (van der Walt and Smith 2015).
 VIRIDIS = np.array([(68, 1, 84), (58, 82, 139), (33, 145, 140), (94, 201, 98), (253, 231, 37)])
 

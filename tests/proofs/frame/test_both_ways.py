@@ -17,10 +17,18 @@ from solari_vk.scene.builtin import place
 
 OCCLUSION = Path(__file__).resolve().parents[3] / "docs/examples/bake_occlusion.py"
 SCENES = {
-    "cornell_box": {}, "closed_box": {}, "many_lights": {"box_count": 60, "sphere_count": 9}, "mirror_hall": {},
-    "thin_wall": {}, "sphere_grid": {}, "shiny_floor": {}, "polished_floor": {}, "lamp_gap": {},
-    "rooms": {"columns": 2, "rows": 1}, "a room with a portal": None,
-}  # fmt: skip
+    "cornell_box": {},
+    "closed_box": {},
+    "many_lights": {"box_count": 60, "sphere_count": 9},
+    "mirror_hall": {},
+    "thin_wall": {},
+    "sphere_grid": {},
+    "shiny_floor": {},
+    "polished_floor": {},
+    "lamp_gap": {},
+    "rooms": {"columns": 2, "rows": 1},
+    "a room with a portal": None,
+}
 SIZE = (24, 16)
 
 

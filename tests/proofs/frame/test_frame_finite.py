@@ -11,8 +11,8 @@ from support.seeded_bugs import Bug, bug_tests, seeded
 import solari_vk as sv
 from solari_vk.settings import DEFAULTS, FIELDS
 
-OTHERS = ("gbuffer_depth", "motion_vectors", "guides_normal_roughness", "guides_diffuse_albedo",
-          "guides_specular_albedo", "guides_depth", "guides_motion", "guides_specular_motion")  # fmt: skip
+GUIDES = ("normal_roughness", "diffuse_albedo", "specular_albedo", "depth", "motion", "specular_motion")
+OTHERS = ("gbuffer_depth", "motion_vectors", *(f"guides_{name}" for name in GUIDES))
 FEW = {"light_tile_count": 4, "light_tile_samples": 64, "world_cache_cells": 1 << 12}
 QUICK_COUNT, COUNT = 24, 1000
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from support.frames import choose_dispatches, uniforms_of
 from support.scenes import bent_joints, tube
 
 import solari_vk as sv
@@ -161,13 +162,13 @@ def test_dispatches_of_an_exposure_are_measured(device):
     with sv.PathTracer(device, scene, SIZE, max_bounces=0) as tracer:
         counts = []
         submit = tracer._frame.submit
-        uniforms = tracer._frame.uniforms
+        uniforms = uniforms_of(tracer)
         tracer._frame.submit = lambda: counts.append(uniforms["path_sampling.samples_per_dispatch"]) or submit()
         measured = tracer.render(samples=128, shutter=shutter, pose=pose)["radiance"]
         assert counts[0] == 1
         assert max(counts) > 1
     with sv.PathTracer(device, scene, SIZE, max_bounces=0) as tracer:
-        tracer._dispatch.samples, tracer._dispatch.next_measurement = 32, 10**9
+        choose_dispatches(tracer, samples=32)
         np.testing.assert_array_equal(tracer.render(samples=128, shutter=shutter, pose=pose)["radiance"], measured)
 
 

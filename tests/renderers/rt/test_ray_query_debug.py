@@ -161,9 +161,19 @@ def test_broken_rules_of_vertex_return(run_case, any_device):
         check_cases(run_case, fetching, POSITION_CASES)
 
 
-UNCHECKED = ("committed_while_candidate", "candidate_while_committed", "contradicting_flags", "get_before_proceed",
-             "proceed_before_initialize", "generate_of_no_aabb", "generate_out_of_range", "generate_without_candidate",
-             "confirm_of_no_triangle", "confirm_without_candidate", "terminate_before_initialize")  # fmt: skip
+UNCHECKED = (
+    "committed_while_candidate",
+    "candidate_while_committed",
+    "contradicting_flags",
+    "get_before_proceed",
+    "proceed_before_initialize",
+    "generate_of_no_aabb",
+    "generate_out_of_range",
+    "generate_without_candidate",
+    "confirm_of_no_triangle",
+    "confirm_without_candidate",
+    "terminate_before_initialize",
+)
 
 
 @pytest.mark.parametrize(

@@ -7,6 +7,7 @@ import random
 import glfw
 import numpy as np
 import pytest
+from support.scenes import field_names
 from viewer_tools import make_session
 
 import solari_vk as sv
@@ -26,7 +27,7 @@ def state(scene, settings):
     fields = [
         (id(item), name, np.asarray(getattr(item, name)).tolist())
         for item in items
-        for name in item._names
+        for name in field_names(item)
         if not isinstance(getattr(item, name), (sv.Mesh, sv.Material, sv.Texture))
     ]
     return str(fields), repr(settings), str(scene.environment)

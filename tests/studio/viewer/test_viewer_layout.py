@@ -6,6 +6,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from support.scenes import field_names
 
 import solari_vk as sv
 from solari_vk.studio.viewer import markers, refinement
@@ -177,7 +178,7 @@ def test_handles_are_projected_as_the_picture(fields):
 def test_every_field_of_a_material_has_its_group():
     panel = pytest.importorskip("solari_vk.studio.viewer.material_panel", exc_type=ImportError)
     group_of = panel.group_of
-    names = [name for name in sv.Material._names if name != "name"]
+    names = [name for name in field_names(sv.Material) if name != "name"]
     assert {group_of(name) for name in names} == set(panel.GROUPS)
     assert group_of("diffuse_transmission_color") == "translucency"
     assert group_of("normal_texture") == group_of("metallic_roughness_texture") == "surface"

@@ -7,6 +7,7 @@ import sys
 import glfw
 import numpy as np
 import pytest
+from support.scenes import field_names
 
 import solari_vk as sv
 from solari_vk.passes.debug_views import views_of
@@ -269,7 +270,7 @@ def test_every_field_of_a_material_can_be_edited(open_viewer, replace, monkeypat
     viewer.run(frames=1)
     monkeypatch.setattr(viewer.pictures, "render", lambda *_: None)  # which would compile for long
     image = np.full((4, 8, 4), 200, np.uint8)
-    names = [name for name in sv.Material._names if name != "name"]
+    names = [name for name in field_names(sv.Material) if name != "name"]
     textures = {name: sv.Texture(image) for name in TEXTURES}
     material = viewer.scene.instances[0].material
     material.update(**textures)
@@ -302,7 +303,7 @@ def test_every_field_of_a_light_can_be_edited(open_viewer, replace, monkeypatch)
         sv.DirectionalLight((0, -1, 0.2)),
     ):
         viewer.selected = viewer.scene.add(light)
-        before = {name: getattr(light, name) for name in light._names}
+        before = {name: getattr(light, name) for name in field_names(light)}
         replace(
             checkbox=lambda label, value: (label in ("blocks light", "##range"), not value),
             drag_float=lambda label, value, *_: (True, value + 0.25),
@@ -311,7 +312,7 @@ def test_every_field_of_a_light_can_be_edited(open_viewer, replace, monkeypatch)
         )
         viewer.step()
         replace()
-        for name in set(light._names) - {"name", "profile"}:
+        for name in set(field_names(light)) - {"name", "profile"}:
             assert np.asarray(getattr(light, name) != before[name]).any(), (light.describe(), name)
         viewer.step()
         viewer.scene.remove(light)

@@ -11,6 +11,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from PIL import Image
+from support.frames import choose_dispatches
 from viewer_tools import FakePictures, press
 
 import solari_vk as sv
@@ -70,8 +71,7 @@ def test_bands_trace_what_whole_pictures_do(device):
     with sv.PathTracer(device, scene, (40, 30)) as tracer:
         expected = tracer.render(samples=3)["radiance"]
         tracer.resize((40, 30))
-        tracer._dispatch.rows = 8
-        tracer._frame.rebuild(tracer._stages(tracer.size))
+        choose_dispatches(tracer, rows=8)
         seen = []
         while tracer.samples < 3:
             tracer.advance(max_samples=1, bands=1)
@@ -274,8 +274,19 @@ def test_a_saved_script_renders_the_picture(open_viewer, tmp_path, mode, surroun
 
 def test_view_shows_two_files(screen, tmp_path, capfd):
     shown = str(tmp_path / "shown.png")
-    view = ["view", "builtin:cornell_box", "--beside", "builtin:cornell_box", "--mode", "reference", "--size", "64x48",
-            "--scale", "1", "--no-overlay", "--frames", "3", "--screenshot", shown]  # fmt: skip
+    view = [
+        "view",
+        "builtin:cornell_box",
+        "--beside",
+        "builtin:cornell_box",
+        "--mode",
+        "reference",
+        "--size",
+        "64x48",
+        "--scale",
+        "1",
+    ]
+    view += ["--no-overlay", "--frames", "3", "--screenshot", shown]
     assert main(view) == 0, capfd.readouterr().err
     pixels = np.asarray(Image.open(shown))[..., :3].astype(int)
     assert pixels.shape == (48, 64, 3)
