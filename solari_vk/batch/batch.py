@@ -12,7 +12,7 @@ from solari_vk.base.errors import SolariError, checked_keywords
 from solari_vk.batch import view_cameras
 from solari_vk.batch.batch_renderers import BatchPathTracer, BatchRenderer, WorldBindings
 from solari_vk.batch.many_frames import WHERE as MANY
-from solari_vk.batch.many_frames import ManyFrames, cameras_of, cuts_of, moves_of, poses_of, seeds_of
+from solari_vk.batch.many_frames import ManyFrames, cameras_of, cuts_of, poses_of, seeds_of, transforms_of
 from solari_vk.batch.options import (
     LIGHT,
     check_realtime,
@@ -93,7 +93,8 @@ class Batch(BatchResults):
             record = self._layout.element
             assert record is not None
             self.size = checked_size(device, size, self.views, record.itemsize, renderer)
-            self._cameras = view_cameras.Cameras(record["current"], self.views, self.size)
+            self._cameras = view_cameras.CameraReader(record["current"], self.views, self.size)
+            # The views' pictures one below the other, of which a dispatch renders some rows.
             self._strip = self.size[0], self.size[1] * self.views
             self._rows = reference.rows_of(self._strip, passes.MAX_PIXELS)
             self._labels_names = names
@@ -106,32 +107,37 @@ class Batch(BatchResults):
             self._worlds.update()
             self._bindings = WorldBindings(self._worlds)  # of the frame of labels
             self._capacity = self._worlds.rows
-            if renderer == "realtime":
-                self._realtime = BatchRenderer(
-                    device, self.binder, self.size, self.views, self._layout, self._worlds, options
-                )
-                self._owned.callback(self._realtime.close)
-            if names or renderer == "reference":
-                self._table = ViewTable(device, self.binder.tensors, self._layout, self.views)
-                self._owned.callback(self._table.destroy)
-            if renderer == "reference":
-                self._paths = BatchPathTracer(
-                    device, self.binder, self._strip, self._table.buffer, self._worlds, options
-                )
-                self._owned.callback(self._paths.close)
-            if names:
-                self._orders = TriangleOrders(device, self.binder)
-                self._owned.callback(self._orders.destroy)
-                self._orders.update()
-                external = {"views": self._table.buffer, **self._orders.buffers, **self._worlds.resources}
-                frame = SceneFrame(device, self.binder, self._stages(self._capacity), external=external)
-                self._labels = self._owned.enter_context(frame)
+            self._make_frames(renderer, options)
             self._seeds = numbered_seeds(options.get("seed", 0), self.views)
         except BaseException:
             self._owned.close()
             raise
 
+    def _make_frames(self, renderer: str, options: dict[str, Any]) -> None:
+        """Make the frames that a renderer runs, and that of labels if outputs want any."""
+        if renderer == "realtime":
+            self._realtime = BatchRenderer(
+                self.device, self.binder, self.size, self.views, self._layout, self._worlds, options
+            )
+            self._owned.callback(self._realtime.close)
+        if self._labels_names or renderer == "reference":
+            self._table = ViewTable(self.device, self.binder.tensors, self._layout, self.views)
+            self._owned.callback(self._table.destroy)
+        if renderer == "reference":
+            self._paths = BatchPathTracer(
+                self.device, self.binder, self._strip, self._table.buffer, self._worlds, options
+            )
+            self._owned.callback(self._paths.close)
+        if self._labels_names:
+            self._orders = TriangleOrders(self.device, self.binder)
+            self._owned.callback(self._orders.destroy)
+            self._orders.update()
+            external = {"views": self._table.buffer, **self._orders.buffers, **self._worlds.resources}
+            frame = SceneFrame(self.device, self.binder, self._stages(self._capacity), external=external)
+            self._labels = self._owned.enter_context(frame)
+
     def _stages(self, capacity: int) -> list[Stage]:
+        """The frame of labels. capacity: the rows of a world in `instances`."""
         return [passes.labels_stage(self._strip, self._rows, self._labels_names, self._worlds.count * capacity)]
 
     @property
@@ -186,40 +192,43 @@ class Batch(BatchResults):
         """
         self._check_open()
         self.binder.tensors.check()
-        samples, begins_anew = self._checked_samples(samples), checked_flag(reset_cache, "reset_cache")
+        sample_count = self._checked_samples(samples)
+        clears_cache = checked_flag(reset_cache, "reset_cache")
         options = {"fov": fov, "vertical_fov": vertical_fov, "K": K, "near": near, "ev100": ev100}
-        written = self._read(poses_of(self.binder.tensors, cameras, "Batch.render", (self.views, 4, 4)), options)
-        self._render(written, samples, self._checked_seeds(seeds), checked_mask(reset, self.views), begins_anew)
+        read = self._read(poses_of(self.binder.tensors, cameras, "Batch.render", (self.views, 4, 4)), options)
+        self._render(read, sample_count, self._checked_seeds(seeds), checked_mask(reset, self.views), clears_cache)
         return self
 
-    def _read(self, cameras: Any, options: Mapping[str, Any]) -> view_cameras.Written:
-        written = self._cameras.read(cameras, options)
+    def _read(self, cameras: Any, options: Mapping[str, Any]) -> view_cameras.ViewCameras:
+        found = self._cameras.read(cameras, options)
         if self._realtime is not None:
             check_realtime(cameras)
-        return written
+        return found
 
     def _render(
         self,
-        written: view_cameras.Written,
+        cameras: view_cameras.ViewCameras,
         samples: int,
         seeds: NDArray[np.uint32],
         cut: NDArray[np.bool_],
-        reset_cache: bool,
+        clears_cache: bool,
     ) -> None:
-        if written.lenses and LENSES not in self.binder.features:
-            self.binder.note(written.lenses[0])
+        """Render a frame of arguments that are checked. cut (N,): views without history."""
+        if cameras.lenses and LENSES not in self.binder.features:
+            self.binder.note(cameras.lenses[0])
         if self._worlds.count > 1 or self._worlds.shows_scenes:
-            self.binder.update()  # which the worlds' records depend on, and what features they have on these
+            # Before the frames apply edits: worlds have records of the edited scene, and may add features to shaders.
+            self.binder.update()
             self._worlds.update()
         if self._labels is not None or self._paths is not None:
-            self._show(written, cut, seeds)
+            self._write_views(cameras, cut, seeds)
         if self._labels is not None:
-            self._find_labels(self._labels)
+            self._render_labels(self._labels)
         self._rendered = True
         if self._paths is not None:
             self._paths.trace(samples)
         if self._realtime is not None:
-            self._realtime.render_views(written, cut, seeds, not reset_cache)
+            self._realtime.render_views(cameras, cut, seeds, not clears_cache)
 
     @checked_keywords()
     def render_many(
@@ -254,48 +263,60 @@ class Batch(BatchResults):
         self.binder.tensors.check()
         frames = whole_number(frames, f"{MANY}: frames", 1)
         names = checked_results(self._names if outputs is None else outputs, self._names, MANY, "result")
-        samples, begins_anew = self._checked_samples(samples), checked_flag(reset_cache, "reset_cache")
-        moves = moves_of(frames, self._worlds, transforms)
+        sample_count = self._checked_samples(samples)
+        clears_cache = checked_flag(reset_cache, "reset_cache")
+        moves = transforms_of(frames, self._worlds, transforms)
         options = {"fov": fov, "vertical_fov": vertical_fov, "K": K, "near": near, "ev100": ev100}
         shown = cameras_of(frames, self.views, cameras, self.binder.tensors)
-        written = [self._read(of_frame, options) for of_frame in shown]
+        read = [self._read(of_frame, options) for of_frame in shown]
         numbers = [self._checked_seeds(given) for given in seeds_of(frames, self.views, seeds)]
         cuts = cuts_of(frames, self.views, reset)
+        self._prepare_many(frames)
+        with self.device.gathered():
+            for index in range(frames):
+                for instance, values in moves[index]:
+                    self.transforms.replace(instance, values)
+                self._render(read[index], sample_count, numbers[index], cuts[index], clears_cache and index == 0)
+                many = self._copy_results(index, frames, names)
+        return many
+
+    def _prepare_many(self, frames: int) -> None:
+        """Have all frames of this batch ready to be submitted so often before the device runs the first one."""
         if self._labels is not None:
             self._labels.prepare_many(frames)
         for renderer in (self._paths, self._realtime):
             if renderer is not None:
                 renderer.frame.prepare_many(frames)
-        with self.device.gathered():
-            for index in range(frames):
-                for instance, given in moves[index]:
-                    self.transforms.replace(instance, given)
-                self._render(written[index], samples, numbers[index], cuts[index], begins_anew and index == 0)
-                results = {name: self._result(name) for name in names}
-                if index == 0 and (self._many is None or not self._many.holds(results, frames)):
-                    self._close_many()
-                    self._many = ManyFrames(self.device, results, frames, self.binder.tensors)
-                assert self._many is not None
-                self._many.copy_results(index, results)
-        assert self._many is not None
+
+    def _copy_results(self, index: int, frames: int, names: Sequence[str]) -> ManyFrames:
+        """Copy the results of a frame, the first of which says how much memory all of them take."""
+        results = {name: self._result(name) for name in names}
+        if self._many is None or (index == 0 and not self._many.fits(results, frames)):
+            self._close_many()
+            self._many = ManyFrames(self.device, results, frames, self.binder.tensors)
+        self._many.copy_results(index, results)
         return self._many
 
-    def _show(self, written: view_cameras.Written, cut: NDArray[np.bool_], seeds: NDArray[np.uint32]) -> None:
+    def _write_views(
+        self, cameras: view_cameras.ViewCameras, cut: NDArray[np.bool_], seeds: NDArray[np.uint32]
+    ) -> None:
         """Give the cameras to the frame of labels and to the path tracer."""
-        table, worlds = self._table, self._worlds
-        if table.must_write((written.records, seeds), worlds.numbers):
-            table.write_cameras(written)
+        table = self._table
+        if table.must_write((cameras.records, seeds), self._worlds.numbers):
+            table.write_cameras(cameras)
             table.records["frame"]["seed"] = seeds
-            worlds.number(table)
-        table.show(written, cut)
+            self._worlds.number(table)
+        table.show(cameras, cut)
 
-    def _find_labels(self, frame: SceneFrame) -> None:
+    def _render_labels(self, frame: SceneFrame) -> None:
         frame.apply_edits()
         self._bindings.show(frame)
         if self._orders.update():
             frame.bind(self._orders.buffers)
-        if (capacity := self._worlds.rows) != self._capacity:
+        capacity = self._worlds.rows
+        if capacity != self._capacity:
             if "motion_vectors" in self._names:
+                # The rows of a world begin elsewhere now, also those of the previous frame.
                 previous = frame.resource("previous_instances").read()
                 frame.rebuild(self._stages(capacity))
                 upload_rows(frame.resource("previous_instances"), previous, self._worlds.count)

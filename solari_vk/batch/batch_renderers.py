@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from solari_vk.base.errors import SolariError
 from solari_vk.batch.light_changes import LightChanges, LightState
-from solari_vk.batch.view_cameras import Written
+from solari_vk.batch.view_cameras import ViewCameras
 from solari_vk.batch.view_table import ViewTable, samples_of
 from solari_vk.batch.worlds import Worlds
 from solari_vk.bound.binder import SceneBinder
@@ -99,7 +99,7 @@ class BatchRenderer(Renderer):
         self._world_count = worlds.count
         self._bindings = WorldBindings(worlds)
         self._change = np.zeros(count)  # LightChanges.change, as each view has seen it
-        self._own_jitter = np.zeros((count, 2))  # of the latest frame's cameras
+        self._camera_jitter = np.zeros((count, 2))  # of the latest frame's cameras
         self._shifts = np.zeros((2, 2, count))  # their jitter and principal_shift, as x and y in rendered pixels
         self._jitter_begins = np.zeros(count, np.int64)  # where each view begins in the sequence of jitter
         self._blended_before = np.zeros(1, np.int64)
@@ -140,25 +140,25 @@ class BatchRenderer(Renderer):
 
     def _stages(self, picture: Size) -> list[Stage]:
         settings = self.settings
-        for wrong, said in (
-            (settings.lighting != "paths", "lighting=paths"),
-            (settings.gbuffer == "raster", "gbuffer=traced"),
-            (
-                settings.restir and (self._worlds.count > 1 or self._worlds.shows_scenes),
-                "restir=off where there are several worlds",
-            ),
-            (settings.frame_ms > 0, "frame_ms=0"),
-        ):
-            if wrong:
-                raise SolariError(f"Batch: views are rendered with the setting {said}")
+        has_worlds = self._worlds.count > 1 or self._worlds.shows_scenes
+        needed = {
+            "lighting=paths": settings.lighting == "paths",
+            "gbuffer=traced": settings.gbuffer != "raster",
+            "restir=off where there are several worlds": not (settings.restir and has_worlds),
+            "frame_ms=0": settings.frame_ms <= 0,
+        }
+        for setting, is_met in needed.items():
+            if not is_met:
+                raise SolariError(f"Batch: views are rendered with the setting {setting}")
         return over_views(super()._stages(picture))
 
     def _inputs(self) -> dict[str, Any]:
-        own = {"views": self.views.buffer, "world_changes": self._changes.buffer}
-        return super()._inputs() | own | dict(self._worlds.resources)
+        of_views = {"views": self.views.buffer, "world_changes": self._changes.buffer}
+        return super()._inputs() | of_views | dict(self._worlds.resources)
 
     def _remember_build(self) -> None:
         super()._remember_build()
+        # Twice, so that as many offsets follow on each of them.
         self._offsets = np.array(2 * self._jitters).T
 
     def _write_settings(self) -> None:
@@ -167,17 +167,17 @@ class BatchRenderer(Renderer):
         self._frame.uniforms["world_cache_settings.update_cap"] = min(cap, 0xFFFFFFFF)
 
     def render_views(
-        self, written: Written, cut: NDArray[np.bool_], seeds: NDArray[np.uint32], keeps_cache: bool
+        self, cameras: ViewCameras, cut: NDArray[np.bool_], seeds: NDArray[np.uint32], keeps_cache: bool
     ) -> None:
         """Render the next frame. cut, (N,) or one for all: views without a history. keeps_cache: whether the world
         cache is that of earlier frames."""
-        self._has_lens = bool(written.lenses)
+        self._has_lens = bool(cameras.lenses)
         self._prepare()
         self._bindings.show(self._frame)
-        known = self._worlds.light_states or [LightState.of(self.binder.lights)]
-        self._changes.update(known, self.settings.world_cache_cell_size)
+        states = self._worlds.light_states or [LightState.of(self.binder.lights)]
+        self._changes.update(states, self.settings.world_cache_cell_size)
         try:
-            self._write_views(written, cut if self._has_history else np.ones_like(cut), seeds)
+            self._write_views(cameras, cut if self._has_history else np.ones_like(cut), seeds)
             self._write_shared(keeps_cache and self._has_history)
             self._has_history = True
             self._frame.submit_applied()
@@ -186,33 +186,44 @@ class BatchRenderer(Renderer):
             raise
         self.frame_count += 1
 
-    def _write_views(self, written: Written, cut: NDArray[np.bool_], seeds: NDArray[np.uint32]) -> None:
-        views, worlds = self.views, self._worlds
+    def _write_views(self, cameras: ViewCameras, cut: NDArray[np.bool_], seeds: NDArray[np.uint32]) -> None:
+        views = self.views
         if self._change.any() or not self._changes.is_still:
             change = self._change * CHANGE_DECAY
             change[change <= MIN_CHANGE] = 0.0
             newest = np.repeat(self._changes.newest, len(change) // len(self._changes.newest))
             self._change = np.where(cut, 0.0, np.maximum(change, newest))
-        blended = worlds.blended_changes != self._blended_before
-        sources = written.records, written.jitter, seeds, self._change, self._own_jitter, self._offsets
+        blended = self._worlds.blended_changes != self._blended_before
+        # In most frames of a batch only poses and jitter change, which `show` uploads.
+        sources = cameras.records, cameras.jitter, seeds, self._change, self._camera_jitter, self._offsets
         size = self._built_render_size
-        if views.must_write(sources, (size, *worlds.numbers, blended.tobytes())):
-            samples = samples_of(written, self.size, size, self.frame_count, seeds)
-            views.write_cameras(written, samples)
-            worlds.number(views)
-            frame = views.records["frame"]
-            frame["seed"], frame["exposure"], frame["lighting_change"] = seeds, written.exposure, self._change
-            frame["blended_changed"] = np.repeat(blended, len(frame) // len(blended))
-            frame["user_jitter_change"] = written.jitter - self._own_jitter
-            shifts = written.jitter * np.divide(size, self.size), samples["principal_shift"]
-            self._shifts = np.array([of_all.T for of_all in shifts], order="C")
-            self._jitter_begins = 7 * seeds.astype(np.int64) % len(self._jitters)
+        if views.must_write(sources, (size, *self._worlds.numbers, blended.tobytes())):
+            self._write_records(cameras, seeds, blended)
         offsets = np.zeros((2, 1))
         if self.settings.jitter:
             offsets = self._offsets[:, self.frame_count % len(self._jitters) :].take(self._jitter_begins, axis=1)
-        views.offsets[0], views.offsets[1] = self._shifts[0] + offsets + self._shifts[1], offsets
-        self._own_jitter = written.jitter
-        views.show(written, cut, self.frame_count & 0xFFFFFFFF)
+        views.offsets[0] = self._shifts[0] + offsets + self._shifts[1]
+        views.offsets[1] = offsets
+        self._camera_jitter = cameras.jitter
+        views.show(cameras, cut, self.frame_count & 0xFFFFFFFF)
+
+    def _write_records(self, cameras: ViewCameras, seeds: NDArray[np.uint32], blended: NDArray[np.bool_]) -> None:
+        """Write what changes seldom. blended: whether blended instances of each world, or of all, have changed."""
+        views = self.views
+        size = self._built_render_size
+        samples = samples_of(cameras, self.size, size, self.frame_count, seeds)
+        views.write_cameras(cameras, samples)
+        self._worlds.number(views)
+        frame = views.records["frame"]
+        frame["seed"] = seeds
+        frame["exposure"] = cameras.exposure
+        frame["lighting_change"] = self._change
+        frame["blended_changed"] = np.repeat(blended, len(frame) // len(blended))
+        frame["user_jitter_change"] = cameras.jitter - self._camera_jitter
+        shifts = cameras.jitter * np.divide(size, self.size), samples["principal_shift"]
+        self._shifts = np.array([shift.T for shift in shifts], order="C")
+        # As `Renderer` does for its seed, so that a view has the jitter of a renderer of its own.
+        self._jitter_begins = 7 * seeds.astype(np.int64) % len(self._jitters)
 
     def _write_shared(self, keeps_cache: bool) -> None:
         """Write what passes without a pixel read."""
@@ -225,6 +236,7 @@ class BatchRenderer(Renderer):
 
     def picture_of(self, values: NDArray[Any]) -> NDArray[Any]:
         """The pictures (N, height, width, channels) of an image that has them in the grid."""
-        (columns, rows), (width, height) = self._grid, self.size
+        columns, rows = self._grid
+        width, height = self.size
         apart = values.reshape(rows, height, columns, width, -1).swapaxes(1, 2)
         return apart.reshape(rows * columns, height, width, -1)[: len(self.views.records)]

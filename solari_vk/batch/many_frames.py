@@ -71,7 +71,7 @@ class ManyFrames(Mapping[str, NDArray[Any]]):
             for name, result in results.items():
                 self._buffers[name] = device.buffer(frames * result.size, f"frames of {name}")
 
-    def holds(self, results: Mapping[str, Result], frames: int) -> bool:
+    def fits(self, results: Mapping[str, Result], frames: int) -> bool:
         """Whether there is room for just these results."""
         sizes = [(name, frames * result.size) for name, result in results.items()]
         return sizes == [(name, buffer.size) for name, buffer in self._buffers.items()]
@@ -149,36 +149,42 @@ def poses_of(port: TensorPort, cameras: Any, where: str, *shapes: tuple[int, ...
 def cameras_of(frames: int, views: int, cameras: Any, port: TensorPort) -> Sequence[Any]:
     """The cameras of each frame: those of all, or for each its own."""
     cameras = poses_of(port, cameras, WHERE, (views, 4, 4), (frames, views, 4, 4))
-    if isinstance(cameras, (list, tuple)) and cameras and isinstance(cameras[0], (Camera, list, tuple)):
-        lists = [one for one in cameras if isinstance(one, (list, tuple)) and one and isinstance(one[0], Camera)]
+    if isinstance(cameras, DeviceTensor):
+        return [cameras if len(cameras.shape) == 3 else cameras.at(index) for index in range(frames)]
+    if isinstance(cameras, (list, tuple)) and cameras:
         if isinstance(cameras[0], Camera):
             return [cameras] * frames
-        if lists:
+        if any(_is_camera_list(one) for one in cameras):
+            lists = [one for one in cameras if _is_camera_list(one)]
             if len(lists) != len(cameras) or len(cameras) != frames:
                 raise SolariError(f"{WHERE}: give {frames} lists of cameras, one for each frame, not {len(lists)}")
             return lists
-    if isinstance(cameras, DeviceTensor):
-        return [cameras if len(cameras.shape) == 3 else cameras.at(index) for index in range(frames)]
     shape = views, 4, 4
     poses = view_cameras.array(cameras, "cameras", shape, (frames, *shape), where=WHERE)
     return list(np.broadcast_to(poses, (frames, *shape)))
 
 
-def moves_of(frames: int, worlds: Worlds, transforms: Any) -> list[list[tuple[Instance, Any]]]:
+def _is_camera_list(value: Any) -> bool:
+    return isinstance(value, (list, tuple)) and len(value) > 0 and isinstance(value[0], Camera)
+
+
+def transforms_of(frames: int, worlds: Worlds, transforms: Any) -> list[list[tuple[Instance, Any]]]:
     """What to replace in the transforms of worlds before each frame."""
     if not isinstance(transforms, Mapping | None):
         raise SolariError(f"{WHERE}: transforms is a dictionary of arrays by instance, not {quoted(transforms)}")
     moves: list[list[tuple[Instance, Any]]] = [[] for _ in range(frames)]
     for key, values in (transforms or {}).items():
-        own, what, shape = worlds.transforms, f"transforms of {key}", (frames, worlds.count, 4, 4)
-        tensor = own.accept_tensor(values, what, shape, where=WHERE)
-        parts = (
-            [tensor.at(index) for index in range(frames)]
-            if tensor is not None
-            else view_cameras.array(values, what, shape, where=WHERE)
-        )
+        overrides = worlds.transforms
+        what = f"transforms of {key}"
+        shape = (frames, worlds.count, 4, 4)
+        tensor = overrides.accept_tensor(values, what, shape, where=WHERE)
+        parts: Any
+        if tensor is not None:
+            parts = [tensor.at(index) for index in range(frames)]
+        else:
+            parts = view_cameras.array(values, what, shape, where=WHERE)
         for of_frame, part in zip(moves, parts, strict=True):
-            of_frame.append(own.checked(key, part))
+            of_frame.append(overrides.checked(key, part))
     return moves
 
 

@@ -31,8 +31,8 @@ _LAST_ROW = np.array([[0.0], [0.0], [0.0], [1.0]])
 NARROWEST, WIDEST = 1e-4, math.pi - 1e-4  # vertical fields of view of a Camera, in radians
 
 
-class Written(NamedTuple):
-    """The cameras of a frame."""
+class ViewCameras(NamedTuple):
+    """The cameras of the views of a frame."""
 
     records: NDArray[Any]
     """(N,): struct Camera, of pictures that are rendered in their size, which may lack the matrices. Frames of which it
@@ -114,7 +114,8 @@ def camera_matrices(axes: Floats, origins: Floats, crossed: Floats, volume: Floa
     """world_from_view and view_from_world (POSE_NUMBERS, N) of poses, of which `check_transforms` returned the rest;
     glsl/scene/tensors/cameras.comp does the same."""
     made = np.empty((8, 3, len(volume)), np.float32)
-    made[:3], made[3] = axes.swapaxes(0, 1), origins
+    made[:3] = axes.swapaxes(0, 1)
+    made[3] = origins
     crossed /= volume  # a row of the inverse has the cross product of the other two axes
     made[4:7] = crossed
     moved = np.multiply(crossed, origins[:, None], out=crossed)
@@ -122,20 +123,21 @@ def camera_matrices(axes: Floats, origins: Floats, crossed: Floats, volume: Floa
     return made.reshape(POSE_NUMBERS, -1)
 
 
-def write_cameras(records: NDArray[Any], cameras: Sequence[Camera], size: tuple[int, int]) -> Written:
+def read_cameras(records: NDArray[Any], cameras: Sequence[Camera], size: tuple[int, int]) -> ViewCameras:
     """Write the records (N,) of cameras of any kind, one after the other."""
     packed, begin = packing(records.dtype, FIELDS)
     memory = records.view(np.uint8).data
-    count, offsets = len(cameras), np.zeros((2, len(cameras), 2))
+    count = len(cameras)
     poses = np.zeros((POSE_NUMBERS, count), np.float32)
-    written = Written(records, [], {}, offsets[0], offsets[1], np.zeros(count), poses)
+    written = ViewCameras(records, [], {}, np.zeros((count, 2)), np.zeros((count, 2)), np.zeros(count), poses)
     for index, camera in enumerate(cameras):
         found = Projection.of(camera, size)
         jitter = map(sum, zip(found.jitter, found.principal_shift, strict=True))
         at = index * records.dtype.itemsize + begin
         shift = found.principal_shift
         packed.pack_into(memory, at, *found.numbers, *size, *size, *jitter, *shift, 0.0, 0.0, *found.lens)
-        written.jitter[index], written.principal_shift[index] = found.jitter, shift
+        written.jitter[index] = found.jitter
+        written.principal_shift[index] = shift
         written.exposure[index] = found.exposure
         if camera.has_lens:
             written.lenses.append(camera)
@@ -161,13 +163,17 @@ def of_fov(fov: Floats, size: tuple[int, int]) -> tuple[Floats, Floats]:
 
 def of_matrices(K: Floats, size: tuple[int, int]) -> tuple[Floats, Floats]:
     """As `of_fov`, of matrices (N, 3, 3) as `Camera.from_opencv` reads them."""
-    fx, fy, cx, cy = K[:, 0, 0], K[:, 1, 1], K[:, 0, 2], K[:, 1, 2]
+    fx = K[:, 0, 0]
+    fy = K[:, 1, 1]
+    cx = K[:, 0, 2]
+    cy = K[:, 1, 2]
     plain = (K[:, 0, 1] == 0) & (K[:, 1, 0] == 0) & (K[:, 2] == (0, 0, 1)).all(axis=1) & (fx > 0) & (fy > 0)
     check_all(plain, "be [[fx, 0, cx], [0, fy, cy], [0, 0, 1]], with fx and fy above 0 and no skew", "K")
     width, height = size
     fov = 2 * _each(math.atan, height / 2 / fy)
     half_height = of_fov(fov, size)[0][:, 1]
     half = np.stack([half_height * width / height / (fx / fy), half_height], -1)
+    # OpenCV counts pixels from the middle of the first one.
     center = np.stack([(cx + 0.5) / width, (cy + 0.5) / height], -1)
     check_all(
         (np.abs(center) <= 10).all(axis=1) & (fx / fy <= 1e3) & (fy / fx <= 1e3),
@@ -191,51 +197,53 @@ def camera_list(cameras: Any, views: int) -> list[Camera] | None:
     return list(cameras)
 
 
-class Cameras:
+class CameraReader:
     """Reads the cameras of a batch's frames. dtype: struct Camera. count: of views. size: of a view in pixels."""
 
     def __init__(self, dtype: np.dtype[Any], count: int, size: tuple[int, int]) -> None:
-        self._dtype, self._count, self._size = dtype, count, size
-        self._pinholes: Written | None = None  # the latest
+        self._dtype = dtype
+        self._count = count
+        self._size = size
+        self._pinholes: ViewCameras | None = None  # the latest
         self._seen: dict[str, Any] = {}  # what they were made from
-        self._plain: Mapping[str, Any] | None = None  # the same, as it was given, if all were single numbers
+        self._plain: Mapping[str, Any] | None = None  # the same options, if all were single numbers
 
-    def read(self, cameras: Any, options: Mapping[str, Any]) -> Written:
+    def read(self, cameras: Any, options: Mapping[str, Any]) -> ViewCameras:
         """Camera objects, an array of poses, or a tensor of them. options: fov, vertical_fov, K, near and ev100 of
-        `Batch.render`; None for what isn't given."""
-        given = {name: value for name, value in options.items() if value is not None}
+        `Batch.render`; None for those that aren't set."""
+        options = {name: value for name, value in options.items() if value is not None}
         found = camera_list(cameras, self._count)
         if found is not None:
-            if given:
-                raise SolariError(f"Batch.render: Camera objects have their own {', '.join(given)}: leave it out")
-            return write_cameras(np.zeros(self._count, self._dtype), found, self._size)
+            if options:
+                raise SolariError(f"Batch.render: Camera objects have their own {', '.join(options)}: leave it out")
+            return read_cameras(np.zeros(self._count, self._dtype), found, self._size)
         poses: DeviceTensor | NDArray[np.float32]
         if isinstance(cameras, DeviceTensor):
             poses = cameras
         else:
             poses = camera_matrices(*check_transforms(array(cameras, "cameras", (self._count, 4, 4))))
-        return self._pinholes_of(given)._replace(poses=poses)
+        return self._pinholes_of(options)._replace(poses=poses)
 
-    def _pinholes_of(self, given: Mapping[str, Any]) -> Written:
+    def _pinholes_of(self, options: Mapping[str, Any]) -> ViewCameras:
         """Pinhole cameras with any poses: the latest, where they were made from the same numbers."""
-        plain = all(type(value) in (int, float) for value in given.values())
-        if plain and self._pinholes is not None and given == self._plain:
+        plain = all(type(value) in (int, float) for value in options.values())
+        if plain and self._pinholes is not None and options == self._plain:
             return self._pinholes
-        count, matrices = self._count, {"K": ((self._count, 3, 3), (3, 3))}
-        numbers = {name: array(value, name, *matrices.get(name, ((count,), ()))) for name, value in given.items()}
+        count = self._count
+        shapes = {"K": ((count, 3, 3), (3, 3))}
+        numbers = {name: array(value, name, *shapes.get(name, ((count,), ()))) for name, value in options.items()}
         seen = {name: (value.shape, value.tobytes()) for name, value in numbers.items()}
-        if self._pinholes is not None and seen == self._seen:
-            self._plain = given if plain else None
-            return self._pinholes
-        near, ev100 = (np.broadcast_to(numbers.pop(name, getattr(DEFAULTS, name)), count) for name in ("near", "ev100"))
-        if len(numbers) > 1:
-            raise SolariError(f"Batch.render: give one of {', '.join(numbers)}")
-        if "K" in numbers:
-            half, shift = of_matrices(np.broadcast_to(numbers["K"], (count, 3, 3)), self._size)
-        else:
-            name, value = next(iter(numbers.items()), ("vertical_fov", DEFAULTS.vertical_fov))
-            fov = np.broadcast_to(value, count)
-            half, shift = of_fov(fov * (math.pi / 180) if name == "fov" else fov, self._size)
+        if self._pinholes is None or seen != self._seen:
+            self._pinholes = self._make_pinholes(numbers)
+            self._seen = seen
+        self._plain = options if plain else None
+        return self._pinholes
+
+    def _make_pinholes(self, numbers: dict[str, Floats]) -> ViewCameras:
+        count = self._count
+        near = np.broadcast_to(numbers.pop("near", np.float64(DEFAULTS.near)), count)
+        ev100 = np.broadcast_to(numbers.pop("ev100", np.float64(DEFAULTS.ev100)), count)
+        half, shift = self._lenses_of(numbers)
         check_all(
             (near >= 1e-9) & (near <= checks.LARGEST_COORDINATE),
             f"lie between 1e-9 and {checks.LARGEST_COORDINATE:g} m",
@@ -243,12 +251,27 @@ class Cameras:
         )
         check_all(np.abs(ev100) <= LARGEST_EV100, f"lie between -{LARGEST_EV100:g} and {LARGEST_EV100:g}", "ev100")
         records = np.zeros(count, self._dtype)
-        records["size"] = records["picture_size"] = self._size
-        records["tan_half_fov"], records["near"] = half, near
-        records["jitter"] = records["principal_shift"] = shift
+        records["size"] = self._size
+        records["picture_size"] = self._size
+        records["tan_half_fov"] = half
+        records["near"] = near
+        # A principal point beside the middle shifts the samples of pixels, as jitter does.
+        records["jitter"] = shift
+        records["principal_shift"] = shift
         records["focus_distance"] = DEFAULTS.focus_distance
-        records["lens"]["limit"] = records["lens"]["reach"] = UNLIMITED
-        self._seen, self._plain = seen, given if plain else None
-        exposure, none = _each(exposure_of, ev100), np.empty((0, count), np.float32)
-        self._pinholes = Written(records, [], {}, np.zeros((count, 2)), shift, exposure, none)
-        return self._pinholes
+        records["lens"]["limit"] = UNLIMITED
+        records["lens"]["reach"] = UNLIMITED
+        exposure = _each(exposure_of, ev100)
+        no_poses = np.empty((0, count), np.float32)
+        return ViewCameras(records, [], {}, np.zeros((count, 2)), shift, exposure, no_poses)
+
+    def _lenses_of(self, numbers: Mapping[str, Floats]) -> tuple[Floats, Floats]:
+        """As `of_fov`, of what gives the lens: at most one of fov, vertical_fov and K."""
+        if len(numbers) > 1:
+            raise SolariError(f"Batch.render: give one of {', '.join(numbers)}")
+        if "K" in numbers:
+            return of_matrices(np.broadcast_to(numbers["K"], (self._count, 3, 3)), self._size)
+        if "fov" in numbers:
+            return of_fov(np.broadcast_to(numbers["fov"], self._count) * (math.pi / 180), self._size)
+        fov = numbers.get("vertical_fov", np.float64(DEFAULTS.vertical_fov))
+        return of_fov(np.broadcast_to(fov, self._count), self._size)

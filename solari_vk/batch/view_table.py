@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from solari_vk.batch.view_cameras import POSE_NUMBERS, Written
+from solari_vk.batch.view_cameras import POSE_NUMBERS, ViewCameras
 from solari_vk.bound.projection import SEED_STRIDE, lens_point
 from solari_vk.gpu.device import raw
 from solari_vk.gpu.device.barriers import full_barrier
@@ -31,7 +31,10 @@ SHARED = np.dtype(
     [("columns", "u4"), ("world_parts", "u4"), ("has_own_lights", "u4"), ("index", "u4"), ("poses", "u8")]
 )
 _WORLD = [("world", "u4"), ("first_instance", "u4")]
-_OFFSETS, _CUT, _ROWS = POSE_NUMBERS, POSE_NUMBERS + 4, POSE_NUMBERS + 5
+# The rows that follow, each with a number of every view: matrices of poses, 4 offsets, and whether the view is cut.
+_OFFSETS = POSE_NUMBERS
+_CUT = POSE_NUMBERS + 4
+_ROWS = POSE_NUMBERS + 5
 
 
 class ViewTable:
@@ -42,8 +45,11 @@ class ViewTable:
         self, device: Device, port: TensorPort, layout: Binding, count: int, columns: int = 1, world_parts: int = 0
     ) -> None:
         assert layout.element is not None
-        self._device, self._count, self._begin = device, count, layout.element_offset
-        self._first, self._written = True, False
+        self._device = device
+        self._count = count
+        self._begin = layout.element_offset
+        self._first = True  # no frame has been shown
+        self._written = False  # `records` were, or must be, since the latest upload
         self._seen: tuple[tuple[Any, ...], tuple[Any, ...]] = (), ()  # what the records were made from
         self._port = port
         self._poses: Buffer | None = None  # of tensors, as rows
@@ -59,10 +65,12 @@ class ViewTable:
         self.shared = memory[: SHARED.itemsize].view(SHARED)
         """What all views share (1,)."""
         rows = memory[SHARED.itemsize :].view(np.float32).reshape(_ROWS, count)
-        self._rows, self._cut = rows[:POSE_NUMBERS], rows[_CUT]
+        self._rows = rows[:POSE_NUMBERS]
+        self._cut = rows[_CUT]
         self.offsets = rows[_OFFSETS:_CUT].reshape(2, 2, count)
         """Camera.jitter and FrameValues.sample_jitter by x and y (2, 2, N), kept from frame to frame."""
-        self.shared["columns"], self.shared["world_parts"] = columns, world_parts
+        self.shared["columns"] = columns
+        self.shared["world_parts"] = world_parts
         with device.undone_on_error():
             self.buffer = device.buffer(self._begin + count * layout.element.itemsize, "views")
             self.buffer.fill()
@@ -89,12 +97,14 @@ class ViewTable:
     def must_write(self, sources: tuple[Any, ...], values: tuple[Any, ...]) -> bool:
         """Whether `records` must be written before the next frame: where a source is another object than in the call
         before, or a value isn't equal. Remembers both for the next call."""
-        seen, known = self._seen
-        self._written |= len(seen) != len(sources) or not all(map(is_, seen, sources)) or known != values
+        # Arrays that may change are compared by identity, since comparing their numbers takes as long as writing them.
+        old_sources, old_values = self._seen
+        are_same = len(old_sources) == len(sources) and all(map(is_, old_sources, sources))
+        self._written |= not are_same or old_values != values
         self._seen = sources, values
         return self._written
 
-    def write_cameras(self, cameras: Written, samples: Mapping[str, Any] | None = None) -> None:
+    def write_cameras(self, cameras: ViewCameras, samples: Mapping[str, Any] | None = None) -> None:
         """Write the records of cameras, with the fields that differ in samples, such as `samples_of` returns, and with
         their own jitter."""
         now = self.records["camera"]
@@ -105,10 +115,11 @@ class ViewTable:
         for name, values in (samples or {}).items():
             now[name] = values
 
-    def show(self, cameras: Written, cut: NDArray[np.bool_], index: int = 0) -> None:
+    def show(self, cameras: ViewCameras, cut: NDArray[np.bool_], index: int = 0) -> None:
         """Have the next submission make the records of a frame with this index. Those so far become the previous
         cameras, but for views that are cut, (N,) or one for all."""
-        poses, address = cameras.poses, self._frame.buffer.address + SHARED.itemsize
+        poses = cameras.poses
+        address = self._frame.buffer.address + SHARED.itemsize
         if isinstance(poses, DeviceTensor):
             if self._poses is None:
                 self._poses = self._device.buffer(4 * POSE_NUMBERS * self._count, "poses of tensors")
@@ -117,7 +128,8 @@ class ViewTable:
         else:
             self._rows[:] = poses
         self._cut[:] = True if self._first else cut
-        self.shared["index"], self.shared["poses"] = index, address
+        self.shared["index"] = index
+        self.shared["poses"] = address
         if self._written:
             self._inputs.upload()
         self._frame.upload()
@@ -141,13 +153,14 @@ class ViewTable:
 
 
 def samples_of(
-    written: Written, size: tuple[int, int], render_size: tuple[int, int], frame: int, seeds: NDArray[np.uint32]
+    cameras: ViewCameras, size: tuple[int, int], render_size: tuple[int, int], frame: int, seeds: NDArray[np.uint32]
 ) -> dict[str, Any]:
     """The fields of records (N,) of what is rendered for pictures of this size, and of apertures whose points are those
     of a frame with these seeds (N,)."""
-    samples = {"size": render_size, "principal_shift": written.principal_shift * np.divide(render_size, size)}
-    if written.apertures:
-        samples["lens_offset"] = points = np.zeros_like(written.principal_shift)
-        for index, camera in written.apertures.items():
+    samples = {"size": render_size, "principal_shift": cameras.principal_shift * np.divide(render_size, size)}
+    if cameras.apertures:
+        points = np.zeros_like(cameras.principal_shift)
+        for index, camera in cameras.apertures.items():
             points[index] = lens_point(camera, frame + SEED_STRIDE * int(seeds[index]))
+        samples["lens_offset"] = points
     return samples

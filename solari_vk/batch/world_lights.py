@@ -157,7 +157,7 @@ class WorldLights:
         info = tiled(lights.info.records[:1])
         for name in ("first_portal", "first_pass_through_light", "first_light_at_infinity", "light_end"):
             info[name] += first["light_sources"]
-        # Shaders subtract it from a light's row to find the light's record.
+        # A light's row is this number plus the index of its record, which counts from the first world's records on.
         info["first_environment"] += first["light_sources"] - first["environments"]
         info["first_portal_record"] = first["portals"]
         info["first_leaf"] = first["light_leaves"]

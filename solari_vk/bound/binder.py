@@ -256,8 +256,8 @@ class SceneBinder:
         self.assets.geometry.posed.submit()
         if self.tlas is not None:
             structures = self.assets.geometry.structures
-            self.tlas.rebuild(structures.kept)
-            structures.kept = True
+            self.tlas.rebuild(structures.all_alive)
+            structures.all_alive = True
 
     def _try_again_later(self) -> None:
         """After an error, have the next update apply the same changes and upload everything."""

@@ -29,6 +29,7 @@ from solari_vk.gpu.tensors.port import TensorPort
 from solari_vk.scene.model import Instance, Mesh
 
 Shape = Mesh | PosedMesh
+# The fields of a mesh that the device has; equal ones share memory.
 ARRAYS = ("positions", "triangles", "normals", "uvs", "tangents", "second_uvs", "colors")
 
 
@@ -50,9 +51,10 @@ class Geometry:
         self._features = features
         self._watcher = watcher
         self._buffers: dict[Mesh, Buffer] = {}
-        self._contents: Rows[Hashable] = Rows()  # whose users share a buffer
+        # Meshes with equal arrays share a buffer. An edited mesh has a content of its own, equal to no other.
+        self._contents: Rows[Hashable] = Rows()
         self._content_of: dict[Mesh, Hashable] = {}
-        self._uploaded: dict[Mesh, dict[str, Any]] = {}  # the arrays as they were given, if nothing failed
+        self._uploaded: dict[Mesh, dict[str, Any]] = {}  # the mesh's arrays at its upload, if nothing failed
         self.centers: dict[Shape, NDArray[np.float32]] = {}
         """The center (3,) of each uploaded shape's bounds, in object space."""
         self.half_sizes: dict[Shape, NDArray[np.float32]] = {}
@@ -61,12 +63,13 @@ class Geometry:
         """For each uploaded shape the mesh's triangle of each uploaded triangle."""
         self.blases: dict[Shape, Blas] = {}
         """The acceleration structure of each traced shape, as of the latest `update`."""
-        self._single_hits: set[Mesh] = set()  # whose triangles a ray asks the shader about only once
+        # Blended meshes, whose light is added per hit: rays must meet each of their triangles only once.
+        self._single_hits: set[Mesh] = set()
         self._to_upload: dict[Mesh, None] = {}
         self._moved: set[Mesh] = set()  # of these, those that have other positions
 
     def shape(self, mesh: Mesh, instance: Instance) -> Shape:
-        """An instance's mesh in its pose, or the mesh if it has none. Takes note of the pose."""
+        """An instance's mesh in its pose, or the mesh if it has none. The pose is that of the instance now."""
         if not instance.posed or mesh.deformation is None:
             return mesh
         pose = instance.joint_matrices, instance.morph_weights  # which the mesh may no longer fit
@@ -87,43 +90,50 @@ class Geometry:
             shape.watch(self._watcher)
             self._to_upload[shape] = None
         if traced and self._ray_users.acquire(shape, user):
-            self.change(shape)
+            self.mark_changed(shape)  # its acceleration structure is built with an upload
 
     def release(self, shape: Shape, user: Instance, *, traced: bool) -> None:
         """Undo one `acquire`."""
         if isinstance(shape, PosedMesh):
             if self.rows.release(shape, user):
-                self.posed.remove(shape)
-                self.structures.kept &= self.blases.pop(shape, None) is None
-                for known in (self.centers, self.half_sizes, self.orders):
-                    known.pop(shape, None)
-                self._shapes.pop((shape.mesh, shape.instance), None)
+                self._remove_posed(shape)
             self.release(shape.mesh, user, traced=False)
             return
-        mesh = shape
-        if traced and self._ray_users.release(mesh, user) and mesh in self.blases:
-            del self.blases[mesh]
-            self.structures.drop(mesh)
-        if self.rows.release(mesh, user):
-            mesh.unwatch(self._watcher)
-            self._to_upload.pop(mesh, None)
-            self._single_hits.discard(mesh)
-            if mesh in self._buffers:
-                buffer = self._buffers.pop(mesh)
-                if self._contents.release(self._content_of.pop(mesh), mesh):
-                    buffer.destroy()
-                self.posed.forget(mesh)
-                self._uploaded.pop(mesh, None)
-                self.structures.forget_tensors(mesh)
-                del self.centers[mesh], self.half_sizes[mesh], self.orders[mesh]
+        if traced and self._ray_users.release(shape, user) and shape in self.blases:
+            del self.blases[shape]
+            self.structures.drop(shape)
+        if self.rows.release(shape, user):
+            self._remove_mesh(shape)
 
-    def change(self, mesh: Mesh) -> list[Any]:
-        """Take note of an edit of a mesh, which must be uploaded again; returns the instances that use it."""
+    def _remove_posed(self, shape: PosedMesh) -> None:
+        self.posed.remove(shape)
+        if self.blases.pop(shape, None) is not None:
+            self.structures.all_alive = False
+        for of_shapes in (self.centers, self.half_sizes, self.orders):
+            of_shapes.pop(shape, None)
+        self._shapes.pop((shape.mesh, shape.instance), None)
+
+    def _remove_mesh(self, mesh: Mesh) -> None:
+        mesh.unwatch(self._watcher)
+        self._to_upload.pop(mesh, None)
+        self._single_hits.discard(mesh)
+        if mesh not in self._buffers:  # it was never uploaded
+            return
+        buffer = self._buffers.pop(mesh)
+        if self._contents.release(self._content_of.pop(mesh), mesh):
+            buffer.destroy()
+        self.posed.forget(mesh)
+        self._uploaded.pop(mesh, None)
+        self.structures.forget_tensors(mesh)
+        del self.centers[mesh], self.half_sizes[mesh], self.orders[mesh]
+
+    def mark_changed(self, mesh: Mesh) -> list[Any]:
+        """Have `update` upload a mesh again that was edited; returns the instances that use it."""
         if mesh not in self.rows:
             return []
         self._to_upload[mesh] = None
         if self.posed.free_poses_of(mesh):
-            self.structures.kept = False
+            self.structures.all_alive = False
         return self.rows.users(mesh)
 
     def use_single_hits(self, mesh: Mesh) -> bool:
@@ -132,7 +142,7 @@ class Geometry:
         if mesh in self._single_hits:
             return False
         self._single_hits.add(mesh)
-        self.change(mesh)
+        self.mark_changed(mesh)
         return True
 
     def update(self, revision: int) -> list[Any]:
@@ -144,8 +154,7 @@ class Geometry:
         users = self._update_meshes(revision) if self._to_upload else []
         for shape in self.posed.update(revision, self.rows.__getitem__, self._packed):
             record = self.table.records[self.rows[shape]]
-            low, high = record["bounds_min"], record["bounds_max"]
-            self.centers[shape], self.half_sizes[shape] = (low + high) / 2, (high - low) / 2
+            self._set_bounds(shape, record["bounds_min"], record["bounds_max"])
             self.orders[shape] = self.orders[shape.mesh]
             if shape.blases:
                 self.blases[shape] = shape.blases[shape.side]
@@ -165,7 +174,7 @@ class Geometry:
         """The center and half the size of a shape's bounds, which of vertices of tensors are read by the host."""
         if shape in self.tensors:
             assert isinstance(shape, Mesh)
-            self._note_bounds(shape, shape.positions[shape.triangles])
+            self._set_bounds(shape, *_bounds(shape.positions[shape.triangles]))
         return self.centers[shape], self.half_sizes[shape]
 
     def _update_meshes(self, revision: int) -> list[Any]:
@@ -197,11 +206,14 @@ class Geometry:
         before = self._uploaded.get(mesh)
         if before is None or not self.tensors.gave_all_changes(before, now):
             self._upload_from_host(mesh, uploads, revision)
-        elif new := {name: value for name, value in now.items() if value is not before[name]}:
-            self._write_tensors(mesh, new, revision)
+        else:
+            tensors = {name: value for name, value in now.items() if value is not before[name]}
+            if tensors:
+                self._write_tensors(mesh, tensors, revision)
         self._uploaded[mesh] = now
         self.table.mark([self.rows[mesh]])
-        record, has_tensors = self.table.records[self.rows[mesh]], mesh in self.tensors
+        record = self.table.records[self.rows[mesh]]
+        has_tensors = mesh in self.tensors
         return TriangleGeometry(
             positions=int(record["positions"]),
             position_count=mesh._stored("positions").shape[0],
@@ -213,9 +225,10 @@ class Geometry:
 
     def _upload_from_host(self, mesh: Mesh, uploads: Uploads, revision: int) -> None:
         # What was edited is not compared, so that edits take no time for that.
-        known = mesh in self._buffers
-        content: Hashable = object() if known else content_of(*(getattr(mesh, name) for name in ARRAYS))
-        if equal := self._contents.users(content):
+        is_edited = mesh in self._buffers
+        content: Hashable = object() if is_edited else content_of(*(getattr(mesh, name) for name in ARRAYS))
+        equal = self._contents.users(content)
+        if equal:
             self._share(mesh, content, equal[0])
         else:
             self._upload_new(mesh, content, uploads, revision)
@@ -224,15 +237,17 @@ class Geometry:
     def _write_tensors(self, mesh: Mesh, tensors: dict[str, DeviceTensor], revision: int) -> None:
         """Have a mesh in memory of its own, which is a copy of the earlier one but for the vertices of tensors."""
         target = self.tensors.write(mesh, self._buffers[mesh], tensors)
-        self._take_place(mesh, object(), target, revision, self.posed.is_seen and "positions" in tensors)
+        self._replace_buffer(mesh, object(), target, revision, self.posed.is_seen and "positions" in tensors)
 
-    def _hold(self, mesh: Mesh, content: Hashable, buffer: Buffer) -> None:
+    def _set_buffer(self, mesh: Mesh, content: Hashable, buffer: Buffer) -> None:
         self._contents.acquire(content, mesh)
-        self._buffers[mesh], self._content_of[mesh] = buffer, content
+        self._buffers[mesh] = buffer
+        self._content_of[mesh] = content
 
     def _share(self, mesh: Mesh, content: Hashable, equal: Mesh) -> None:
-        self._hold(mesh, content, self._buffers[equal])
-        self.orders[mesh], self.centers[mesh] = self.orders[equal], self.centers[equal]
+        self._set_buffer(mesh, content, self._buffers[equal])
+        self.orders[mesh] = self.orders[equal]
+        self.centers[mesh] = self.centers[equal]
         self.half_sizes[mesh] = self.half_sizes[equal]
         records = self.table.records
         records[self.rows[mesh]] = records[self.rows[equal]]
@@ -241,12 +256,15 @@ class Geometry:
     def _upload_new(self, mesh: Mesh, content: Hashable, uploads: Uploads, revision: int) -> None:
         """Upload a mesh as one buffer: positions, triangles in spatial order, and other attributes if there are any."""
         corners = mesh.positions[mesh.triangles]
-        order = self.orders[mesh] = spatial_order(corners.min(axis=1), corners.max(axis=1))
-        low, high = self._note_bounds(mesh, corners)
+        order = spatial_order(corners.min(axis=1), corners.max(axis=1))
+        self.orders[mesh] = order
+        low, high = _bounds(corners)
+        self._set_bounds(mesh, low, high)
         flags, parts = mesh_parts(mesh, mesh.triangles[order], self._attributes)
         buffer = self._device.buffer(sum(part.nbytes for part in parts.values()), mesh.name or "mesh")
-        self._take_place(mesh, content, buffer, revision, self._moves(mesh))
-        addresses, offset = dict.fromkeys(ADDRESSES, 0), 0
+        self._replace_buffer(mesh, content, buffer, revision, self._moves(mesh))
+        addresses = dict.fromkeys(ADDRESSES, 0)
+        offset = 0
         for name, part in parts.items():
             addresses[name] = buffer.address + offset
             uploads.buffer(buffer, part, offset)
@@ -257,12 +275,12 @@ class Geometry:
         record["previous_positions"] = record["positions"]
         record["triangle_count"] = len(order)
         record["flags"] = flags
-        record["bounds_min"], record["bounds_max"] = low, high
+        record["bounds_min"] = low
+        record["bounds_max"] = high
 
-    def _note_bounds(self, mesh: Mesh, corners: NDArray[np.float32]) -> tuple[Any, Any]:
-        low, high = corners.min(axis=(0, 1)), corners.max(axis=(0, 1))
-        self.centers[mesh], self.half_sizes[mesh] = (low + high) / 2, (high - low) / 2
-        return low, high
+    def _set_bounds(self, shape: Shape, low: Any, high: Any) -> None:
+        self.centers[shape] = (low + high) / 2
+        self.half_sizes[shape] = (high - low) / 2
 
     def _packed(self, mesh: Mesh) -> NDArray[Any] | None:
         return pack_attributes(mesh, self._attributes)[1]
@@ -277,23 +295,23 @@ class Geometry:
             return positions.shape == mesh.positions.shape
         return len(positions) == len(mesh.positions) and not np.array_equal(positions, mesh.positions)
 
-    def _take_place(self, mesh: Mesh, content: Hashable, buffer: Buffer, revision: int, moves: bool) -> None:
-        """Have a mesh in a new buffer, which begins with the positions. Keep the earlier one for motion vectors, or
-        free it. moves: it has other positions of the same triangles."""
+    def _replace_buffer(self, mesh: Mesh, content: Hashable, buffer: Buffer, revision: int, moves: bool) -> None:
+        """Have a mesh in a new buffer, which begins with the positions. The earlier buffer stays for motion vectors, or
+        is freed. moves: the mesh has other positions of the same triangles."""
         before = self._buffers.get(mesh)
         self._uploaded.pop(mesh, None)
-        owned = before is not None and self._contents.release(self._content_of[mesh], mesh)
-        self._hold(mesh, content, buffer)
+        is_last_user = before is not None and self._contents.release(self._content_of[mesh], mesh)
+        self._set_buffer(mesh, content, buffer)
         if before is None:
             return
         if moves:
-            if not owned:  # it is an equal mesh's too
+            if not is_last_user:  # an equal mesh goes on to use it
                 before = copy_of_positions(self._device, before, mesh._stored("positions").shape[0])
             self.posed.edit(mesh, self.rows[mesh], before, buffer.address, revision)
             self._features.add("SCENE_POSES")
             return
         self.posed.forget(mesh)
-        if owned:
+        if is_last_user:
             before.destroy()
 
     def destroy(self) -> None:
@@ -307,3 +325,8 @@ class Geometry:
         for shape in self.rows:
             if isinstance(shape, Mesh):
                 shape.unwatch(self._watcher)
+
+
+def _bounds(corners: NDArray[np.float32]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """The min and the max (3,) of the corners (M, 3, 3) of triangles."""
+    return corners.min(axis=(0, 1)), corners.max(axis=(0, 1))

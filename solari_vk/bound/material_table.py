@@ -66,14 +66,14 @@ class MaterialTable:
         """Add a use of a material."""
         if self.rows.acquire(material, user):
             material.watch(self._watcher)
-            self._take_up(material)
+            self._follow_textures(material)
 
     def release(self, material: Material, user: Instance) -> None:
         """Undo one `acquire`."""
         if self.rows.release(material, user):
             material.unwatch(self._watcher)
-            for known in (self._to_write, self._written, self._tensors_of):
-                known.pop(material, None)
+            for of_materials in (self._to_write, self._written, self._tensors_of):
+                of_materials.pop(material, None)
             self.emitting.discard(material)
             for slot, texture in self._textures_of.pop(material).items():
                 self._textures.release(texture, TEXTURES[slot], material)
@@ -85,13 +85,14 @@ class MaterialTable:
             return None
         return self._tensors.accept(material, fields, "SCENE_LAYERS" in self._features.constants)
 
-    def change(self, material: Material) -> list[Instance]:
-        """Take note of an edit of a material; returns the instances whose records may depend on it."""
+    def mark_changed(self, material: Material) -> list[Instance]:
+        """Have `update` write a material again that was edited; returns the instances whose records may depend on
+        it."""
         if self._differs_by_tensors(material):
             self._to_write[material] = None
             return []
         if material in self.rows:
-            self._take_up(material)
+            self._follow_textures(material)
         return self.rows.users(material)
 
     def users_of(self, asset: Observable) -> list[Instance]:
@@ -107,19 +108,22 @@ class MaterialTable:
 
     def users_of_image(self, changed: Texture | TextureImage) -> list[Instance]:
         """The instances whose alpha depends on a texture or an image."""
-        return [
-            instance
-            for material in self.rows
-            if (texture := material.base_color_texture) is not None
-            and material.alpha_mode != "opaque"
-            and changed in (texture, texture.image)
-            for instance in self.rows.users(material)
-        ]
+        found: list[Instance] = []
+        for material in self.rows:
+            texture = material.base_color_texture
+            if texture is None or material.alpha_mode == "opaque":
+                continue
+            if changed in (texture, texture.image):
+                found += self.rows.users(material)
+        return found
 
-    def _take_up(self, material: Material) -> None:
+    def _follow_textures(self, material: Material) -> None:
+        """Use the textures that a material has now, and have its record written."""
         before = self._textures_of.get(material, {})
-        after = {slot: texture for slot in TEXTURES if (texture := getattr(material, slot)) is not None}
-        for slot, texture in after.items():  # before the release below, so that a kept texture isn't uploaded again
+        slots = {slot: getattr(material, slot) for slot in TEXTURES}
+        after = {slot: texture for slot, texture in slots.items() if texture is not None}
+        # Acquired before the others are released, so that a texture that stays isn't uploaded again.
+        for slot, texture in after.items():
             self._textures.acquire(texture, TEXTURES[slot], material)
         for slot, texture in before.items():
             self._textures.release(texture, TEXTURES[slot], material)
@@ -159,15 +163,13 @@ class MaterialTable:
         for slot, srgb in TEXTURES.items():
             record[slot] = self._textures.rows[textures[slot], srgb] if slot in textures else NO_INDEX
         if material.unlit:
-            record["emissive"], record["emissive_texture"] = UNLIT_RADIANCE, NO_INDEX
-        record["flags"] = (
-            MATERIAL_DOUBLE_SIDED * material.double_sided
-            | MATERIAL_SOLID * (material.solid and material.transmits)
-            | MATERIAL_WALL * material.is_wall
-            | MATERIAL_UNLIT * material.unlit
-            | _ALPHA_FLAGS[material.alpha_mode]
-        )
-        (self.emitting.add if material.emits else self.emitting.discard)(material)
+            record["emissive"] = UNLIT_RADIANCE
+            record["emissive_texture"] = NO_INDEX
+        record["flags"] = _flags_of(material)
+        if material.emits:
+            self.emitting.add(material)
+        else:
+            self.emitting.discard(material)
         self.table.mark([row])
 
     def write_tensors(self, uploaded: Set[int]) -> None:
@@ -189,3 +191,16 @@ class MaterialTable:
         self.table.destroy()
         for material in self.rows:
             material.unwatch(self._watcher)
+
+
+def _flags_of(material: Material) -> int:
+    flags = _ALPHA_FLAGS[material.alpha_mode]
+    if material.double_sided:
+        flags |= MATERIAL_DOUBLE_SIDED
+    if material.solid and material.transmits:
+        flags |= MATERIAL_SOLID
+    if material.is_wall:
+        flags |= MATERIAL_WALL
+    if material.unlit:
+        flags |= MATERIAL_UNLIT
+    return flags

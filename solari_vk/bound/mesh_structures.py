@@ -26,8 +26,8 @@ class MeshStructures:
         self._built: dict[Build, Blas] = {}
         self._builds: Rows[Build] = Rows()  # whose users share a structure
         self._build_of: dict[Mesh, Build] = {}
-        self.kept = True
-        """Whether no structure was destroyed since this was last set."""
+        self.all_alive = True
+        """Whether no structure was destroyed since this was last set: the TLAS of the previous frame may name it."""
 
     def build(
         self, traced: Mapping[Mesh, TriangleGeometry], builds: Mapping[Mesh, Build], moved: Container[Mesh]
@@ -50,18 +50,18 @@ class MeshStructures:
     def drop(self, mesh: Mesh) -> None:
         """Rays don't meet a mesh any more."""
         self._drop_build(mesh)
-        self.kept = not self._tensors.drop_structures(mesh) and self.kept
+        self.all_alive = not self._tensors.drop_structures(mesh) and self.all_alive
 
     def forget_tensors(self, mesh: Mesh) -> None:
         """The host has all vertices of a mesh again, or it isn't used any more."""
-        self.kept = not self._tensors.forget(mesh) and self.kept
+        self.all_alive = not self._tensors.forget(mesh) and self.all_alive
 
     def _drop_build(self, mesh: Mesh) -> None:
         """Free the structure that was built for a mesh, if there is one and no other mesh's."""
         build = self._build_of.pop(mesh, None)
         if build is not None and self._builds.release(build, mesh):
             self._built.pop(build).destroy()
-            self.kept = False
+            self.all_alive = False
 
     def destroy(self) -> None:
         """Free everything."""

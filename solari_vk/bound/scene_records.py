@@ -160,15 +160,17 @@ class SceneRecords:
 
     def _apply_material(self, material: Material) -> None:
         # Worlds of a batch have materials for instances that may have left the scene, and emitters of their own.
-        self._write_later(self._assets.materials.change(material))
+        self._write_later(self._assets.materials.mark_changed(material))
 
     def _apply_mesh(self, mesh: Mesh) -> None:
         self.light_revision += self._may_change_lights(mesh, "positions")
         self._records_change = True
-        users = [user for user in self._geometry.change(mesh) if user in self._uses]  # the others are in other scenes
+        users = [
+            user for user in self._geometry.mark_changed(mesh) if user in self._uses
+        ]  # the others are in other scenes
         for instance in users:
             self._follow_instance(instance)  # its pose may have no effect any more
-        self.emissions.change(mesh)
+        self.emissions.drop_edited(mesh)
         for instance in users:
             if self.lights.index(instance) is not None:
                 self.lights.renew_id(instance)
@@ -182,8 +184,8 @@ class SceneRecords:
         self._apply_texels(image)
 
     def _apply_texels(self, item: Texture | TextureImage) -> None:
-        self._assets.textures.change(item)
-        emitters = self.emissions.change(item)
+        self._assets.textures.mark_changed(item)
+        emitters = self.emissions.drop_edited(item)
         self._records_change |= len(emitters) > 0  # worlds of a batch have emitters of their own
         self._write_later([*emitters, *self._assets.materials.users_of_image(item)])
 

@@ -20,7 +20,9 @@ from solari_vk.scene.images.mip_chain import mip_chain
 from solari_vk.scene.matrices import by_columns
 from solari_vk.scene.model import Material, Texture, TextureImage
 
-ImageKey = tuple[TextureImage, bool]  # the image, and whether its colors are sRGB
+# An image, and whether its colors are sRGB.
+ImageKey = tuple[TextureImage, bool]
+# The same with the options of a sampler.
 DescriptorKey = tuple[TextureImage, bool, tuple[tuple[str, Any], ...]]
 
 _FORMATS = {True: raw.VK_FORMAT_R8G8B8A8_SRGB, False: raw.VK_FORMAT_R8G8B8A8_UNORM}
@@ -36,7 +38,8 @@ class TextureTable:
         self._device = device
         self._watcher = watcher
         self._images: dict[ImageKey, Image] = {}
-        self._contents: Rows[Hashable] = Rows()  # whose users share an image
+        # Equal pixels share an image. Edited ones have a content of their own, equal to no other.
+        self._contents: Rows[Hashable] = Rows()
         self._content_of: dict[ImageKey, Hashable] = {}
         self._image_users: Rows[ImageKey] = Rows()
         self._descriptors: Rows[DescriptorKey] = Rows()
@@ -71,8 +74,8 @@ class TextureTable:
             if (texture, not srgb) not in self.rows:
                 texture.unwatch(self._watcher)
 
-    def change(self, changed: Texture | TextureImage) -> None:
-        """Take note of an edit of a texture or an image."""
+    def mark_changed(self, changed: Texture | TextureImage) -> None:
+        """Have `update` follow an edit of a texture or an image."""
         for key in self.rows:
             if key[0] is changed:
                 self._to_link[key] = None
@@ -159,7 +162,8 @@ class TextureTable:
         self._replaced = True
         # What was edited is not compared, so that edits take no time for that.
         content: Hashable = (content_of(source.pixels), srgb) if before is None else object()
-        if equal := self._contents.users(content):
+        equal = self._contents.users(content)
+        if equal:
             image = self._images[equal[0]]
         else:
             levels = mip_chain(source.pixels, srgb)
@@ -169,12 +173,14 @@ class TextureTable:
         self._contents.acquire(content, key)
         if before is not None:
             self._drop(key, before, self._content_of[key])
-        self._images[key], self._content_of[key] = image, content
+        self._images[key] = image
+        self._content_of[key] = content
 
     def _write_tensor(self, key: ImageKey, tensor: DeviceTensor) -> None:
         """Have a tensor's texels in an image, which is a new one if others share the earlier one."""
         source, srgb = key
-        image, content = self._images[key], self._content_of[key]
+        image = self._images[key]
+        content = self._content_of[key]
         is_shared = len(self._contents.users(content)) > 1
         self._images[key] = self._tensors.write(source.describe(), image, tensor, srgb, in_place=not is_shared)
         self._content_of[key] = object()

@@ -169,15 +169,15 @@ class SceneTlas:
         """Have the next `rebuild` build the structure, whatever has changed."""
         self._rebuild = True
 
-    def rebuild(self, meshes_kept: bool = True) -> None:
+    def rebuild(self, meshes_alive: bool = True) -> None:
         """If records changed, submit a build after their upload. Call it once in each frame.
 
-        meshes_kept: no structure of a mesh was destroyed since the last call. Otherwise rays can't be traced through
+        meshes_alive: no structure of a mesh was destroyed since the last call. Otherwise rays can't be traced through
         the structure of the previous frame, and this frame's takes its place.
         """
         changed = self._rebuild
         self._rebuild = False
-        keeps = changed and meshes_kept and self.previous is not None and self.previous.built
+        keeps = changed and meshes_alive and self.previous is not None and self.previous.built
         if keeps:
             self._copy_to_previous()  # before the build overwrites it
         if changed:

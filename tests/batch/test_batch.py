@@ -262,7 +262,7 @@ def test_arrays_give_the_numbers_of_cameras(kind):
             camera.update(fov=float(fov[index]))
         camera.update(transform=poses[index])
     element = reflect(compile_shader(SHADER), SHADER).bindings["views"].element["current"]
-    reader = view_cameras.Cameras(element, count, size)
+    reader = view_cameras.CameraReader(element, count, size)
     one_by_one, together = reader.read(cameras, {}), reader.read(poses, {kind: K if kind == "K" else fov})
     assert one_by_one.lenses == []
     np.testing.assert_array_equal(together.poses, one_by_one.poses)

@@ -81,7 +81,7 @@ class Emissions:
         if key is not None and self._users.release(key, instance):
             self._drop(key)
 
-    def change(self, changed: Mesh | Texture | TextureImage) -> list[Instance]:
+    def drop_edited(self, changed: Mesh | Texture | TextureImage) -> list[Instance]:
         """Drop what depends on an edited object; returns the instances that must acquire their emission again."""
         users: list[Instance] = []
         for key in list(self._emissions):
