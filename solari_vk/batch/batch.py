@@ -215,7 +215,7 @@ class Batch(BatchResults):
     ) -> None:
         """Render a frame of arguments that are checked. cut (N,): views without history."""
         if cameras.lenses and LENSES not in self.binder.features:
-            self.binder.note(cameras.lenses[0])
+            self.binder.mark_changed(cameras.lenses[0])
         if self._worlds.count > 1 or self._worlds.shows_scenes:
             # Before the frames apply edits: worlds have records of the edited scene, and may add features to shaders.
             self.binder.update()
@@ -302,10 +302,10 @@ class Batch(BatchResults):
     ) -> None:
         """Give the cameras to the frame of labels and to the path tracer."""
         table = self._table
-        if table.must_write((cameras.records, seeds), self._worlds.numbers):
+        if table.must_write((cameras.records, seeds), self._worlds.assignment_key):
             table.write_cameras(cameras)
             table.records["frame"]["seed"] = seeds
-            self._worlds.number(table)
+            self._worlds.assign_views(table)
         table.show(cameras, cut)
 
     def _render_labels(self, frame: SceneFrame) -> None:

@@ -197,7 +197,7 @@ class BatchRenderer(Renderer):
         # In most frames of a batch only poses and jitter change, which `show` uploads.
         sources = cameras.records, cameras.jitter, seeds, self._change, self._camera_jitter, self._offsets
         size = self._built_render_size
-        if views.must_write(sources, (size, *self._worlds.numbers, blended.tobytes())):
+        if views.must_write(sources, (size, *self._worlds.assignment_key, blended.tobytes())):
             self._write_records(cameras, seeds, blended)
         offsets = np.zeros((2, 1))
         if self.settings.jitter:
@@ -213,7 +213,7 @@ class BatchRenderer(Renderer):
         size = self._built_render_size
         samples = samples_of(cameras, self.size, size, self.frame_count, seeds)
         views.write_cameras(cameras, samples)
-        self._worlds.number(views)
+        self._worlds.assign_views(views)
         frame = views.records["frame"]
         frame["seed"] = seeds
         frame["exposure"] = cameras.exposure

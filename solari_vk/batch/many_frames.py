@@ -151,14 +151,13 @@ def cameras_of(frames: int, views: int, cameras: Any, port: TensorPort) -> Seque
     cameras = poses_of(port, cameras, WHERE, (views, 4, 4), (frames, views, 4, 4))
     if isinstance(cameras, DeviceTensor):
         return [cameras if len(cameras.shape) == 3 else cameras.at(index) for index in range(frames)]
-    if isinstance(cameras, (list, tuple)) and cameras:
-        if isinstance(cameras[0], Camera):
-            return [cameras] * frames
-        if any(_is_camera_list(one) for one in cameras):
-            lists = [one for one in cameras if _is_camera_list(one)]
-            if len(lists) != len(cameras) or len(cameras) != frames:
-                raise SolariError(f"{WHERE}: give {frames} lists of cameras, one for each frame, not {len(lists)}")
-            return lists
+    if _is_camera_list(cameras):
+        return [cameras] * frames
+    if isinstance(cameras, (list, tuple)) and any(map(_is_camera_list, cameras)):
+        lists = [one for one in cameras if _is_camera_list(one)]
+        if len(lists) != len(cameras) or len(cameras) != frames:
+            raise SolariError(f"{WHERE}: give {frames} lists of cameras, one for each frame, not {len(lists)}")
+        return lists
     shape = views, 4, 4
     poses = view_cameras.array(cameras, "cameras", shape, (frames, *shape), where=WHERE)
     return list(np.broadcast_to(poses, (frames, *shape)))

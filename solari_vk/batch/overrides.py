@@ -220,7 +220,7 @@ class MaterialOverrides(Overrides[Instance, list[Material]]):
         for material in dict.fromkeys(before):
             table.release(material, item)
         for material in dict.fromkeys([*before, *(values or ())]):
-            self._binder.note(material)
+            self._binder.mark_changed(material)
 
     def destroy(self) -> None:
         """Let go of the materials."""
@@ -255,7 +255,7 @@ class LightOverrides(Overrides[Light, list[Light | None]]):
     def _by_default(self, item: Light) -> list[Light | None]:
         return [item] * self.worlds
 
-    def note(self, changed: Observable) -> None:
+    def mark_changed(self, changed: Observable) -> None:
         """A light in use was edited."""
         assert isinstance(changed, Light)
         self._edits[changed] = self._edits.get(changed, 0) + 1

@@ -208,6 +208,8 @@ class OverriddenLights:
     def __init__(self, device: Device, binder: SceneBinder, count: int) -> None:
         self.lists: dict[Any, SharedList] = {}
         """By keys of all that a list depends on."""
+        self.emitting: set[Instance] = set()
+        """The instances that emit light in some world, or in the scene, while there are lists."""
         self._device = device
         self._binder = binder
         self._count = count
@@ -234,14 +236,14 @@ class OverriddenLights:
         shown = []
         for world in range(self._count):
             lights = _lights_in(world, scene_lights, given)
-            emitters = [_emitter_in(world, instance, materials, transforms) for instance in emitting]
-            emitters = [one for one in emitters if one.instance.visible and one.material.emits]
+            emitters = _emitters_in(world, emitting, materials, transforms)
             key = self._key(lights, emitters, overrides, poses)
             if key not in lists:
                 lists[key] = self.lists.get(key) or self._make(lights, emitters)
             shown.append(key)
         self._release([shared for key, shared in self.lists.items() if key not in lists])
         self.lists = lists
+        self.emitting = set(emitting)
         self._keep_buffers_of(overrides)
         return shown
 
@@ -329,6 +331,7 @@ class OverriddenLights:
         """Free all lists, and the images and profiles of their lights."""
         self._release(self.lists.values())
         self.lists = {}
+        self.emitting = set()
         for light in list(self._data):
             self._data.set(light, None)
 
@@ -353,14 +356,20 @@ def _lights_in(
     return lights
 
 
-def _emitter_in(
+def _emitters_in(
     world: int,
-    instance: Instance,
+    instances: Sequence[Instance],
     materials: Mapping[Instance, Sequence[Material]],
     transforms: Mapping[Instance, NDArray[np.float64]],
-) -> _Emitter:
-    material = materials[instance][world] if instance in materials else instance.material
-    return _Emitter(instance, material, transforms[instance][world] if instance in transforms else None)
+) -> list[_Emitter]:
+    """Those of the instances that emit light in a world. materials, transforms: by world, where they differ."""
+    found = []
+    for instance in instances:
+        material = materials[instance][world] if instance in materials else instance.material
+        transform = transforms[instance][world] if instance in transforms else None
+        if instance.visible and material.emits:
+            found.append(_Emitter(instance, material, transform))
+    return found
 
 
 def _pose_key(instance: Instance) -> tuple[bytes | None, ...]:

@@ -21,7 +21,6 @@ from solari_vk.batch.view_table import ViewTable
 from solari_vk.batch.world_lights import OverriddenLights, SharedList, WorldLights, lists_of_scenes
 from solari_vk.batch.world_structures import WorldStructures, uploaded
 from solari_vk.bound.binder import SceneBinder
-from solari_vk.bound.constants import NO_INDEX
 from solari_vk.bound.lights.blockers import blocker_transform, blocks_light
 from solari_vk.bound.scene_records import MAX_INSTANCES, SceneRecords
 from solari_vk.bound.traced_instances import flags_of, mask_of
@@ -69,6 +68,7 @@ class Worlds:
             self._worlds_of[records] = np.flatnonzero(shows)
         # What the device has, in the host's memory (worlds, N), and what it was made from.
         self._is_current = False
+        self._seen_revision = -1  # of the binder
         self._written: dict[SceneRecords, int] = {}  # with the `record_revision`
         self._instances: NDArray[Any] = np.zeros((0, 0))
         self._traced: NDArray[Any] = np.zeros((0, 0))
@@ -135,14 +135,15 @@ class Worlds:
             return False
         if any(len(state.ids) for state in self.light_states or ()):
             return True
-        return any(material.unlit for given in self.overrides.materials.current().values() for material in given)
+        materials = self.overrides.materials.current().values()
+        return any(material.unlit for of_worlds in materials for material in of_worlds)
 
     @property
-    def numbers(self) -> tuple[int, ...]:
-        """What `number` writes depends on."""
+    def assignment_key(self) -> tuple[int, ...]:
+        """What `assign_views` writes depends on."""
         return self.rows, int(self.light_states is not None)
 
-    def number(self, table: ViewTable) -> None:
+    def assign_views(self, table: ViewTable) -> None:
         """Write to the records of views which world each shows: as many views to each, one after the other."""
         table.shared["has_own_lights"] = self.light_states is not None
         records = table.records
@@ -159,14 +160,21 @@ class Worlds:
             assert tlas is not None
             self._structures.show([tlas.current.address, (tlas.previous or tlas.current).address])
             return self.version
-        edited = [one for one in self._worlds_of if self._written.get(one) != one.record_revision]
+        is_new = not self._is_current or self._scenes_differ()
         if self.overrides is None:
-            if edited or not self._is_current:
+            if is_new:
                 self._show_scenes()
-        elif edited or not self._is_current or self.overrides.changed:
-            self._show_overrides(self.overrides, is_new=bool(edited) or not self._is_current)
+        elif is_new or self.overrides.changed:
+            self._show_overrides(self.overrides, is_new)
         self._share_lights()
         return self.version
+
+    def _scenes_differ(self) -> bool:
+        """Whether a scene was edited so that its records differ from those that were written."""
+        if self._seen_revision == self._binder.revision:
+            return False
+        self._seen_revision = self._binder.revision
+        return any(self._written.get(records) != records.record_revision for records in self._worlds_of)
 
     def _show_scenes(self) -> None:
         """Show a scene in each world."""
@@ -183,18 +191,20 @@ class Worlds:
         self._is_current = False  # until all is written
         overrides.forget_removed()
         moved = overrides.transforms.changed
-        repainted = bool(overrides.materials.changed)
-        if is_new or repainted:
+        has_new_surfaces = is_new or bool(overrides.materials.changed)
+        if has_new_surfaces:
             self._follow_materials(overrides)
         self._binder.records.blended_changes += any(map(self._is_blended, moved))
-        relit = is_new or repainted or bool(overrides.lights.changed) or any(map(self._is_emitter, moved))
-        if relit:
+        has_new_lights = has_new_surfaces or bool(overrides.lights.changed) or any(map(self._is_emitter, moved))
+        if has_new_lights:
             self._follow_lights(overrides, must_upload=is_new)
         blockers = self._blockers(overrides)
         differing = self._differing(overrides, blockers)
-        if not (is_new or relit or blockers) and self._only_tensors_moved(overrides, differing):
+        # Lists of lights that are others often leave each emitter its row, which is all that instances say of lights.
+        has_new_rows = self._lights.light_index is not self._written_light_index
+        if not (has_new_lights or blockers) and self._only_tensors_moved(overrides, differing):
             self._build(differing, moved)
-        elif is_new or repainted or moved or blockers or self._lights.light_index is not self._written_light_index:
+        elif has_new_surfaces or has_new_rows or moved or blockers:
             self._write(differing)
         self._is_current = True
         overrides.confirm()
@@ -207,11 +217,8 @@ class Worlds:
         return all(isinstance(differing.get(instance, Override()).transforms, DeviceTensor) for instance in moved)
 
     def _is_emitter(self, instance: Instance) -> bool:
-        if self._binder.lights.index(instance) is not None:
-            return True
-        index = self._lights.light_index
-        row = self._binder.records.instance_rows.get(instance)
-        return index is not None and row is not None and bool((index[:, row] != NO_INDEX).any())
+        """Whether an instance emits light in the scene, or in some world as of the latest update."""
+        return self._binder.lights.index(instance) is not None or instance in self._overridden_lights.emitting
 
     def _is_blended(self, instance: Instance) -> bool:
         return instance in self._blended or (instance not in self._surfaces and instance.alpha_mode == "blend")

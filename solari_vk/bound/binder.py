@@ -159,15 +159,15 @@ class SceneBinder:
 
     # ---- what others say ----------------------------------------------------------------------------
 
-    def note(self, changed: Observable) -> None:
+    def mark_changed(self, changed: Observable) -> None:
         """Tell the scenes that use an asset that it was edited; or have shaders with the lens of a camera."""
         if not self.has_many_scenes or isinstance(changed, Camera):
-            self.records.note(changed)
+            self.records.mark_changed(changed)
             return
         users = self.assets.users(changed)
         for records in self._scenes:
             if records.has_any(users):
-                records.note(changed)
+                records.mark_changed(changed)
 
     def accept_tensor(self, values: Any) -> DeviceTensor | None:
         """As of `Assets`."""
@@ -188,7 +188,7 @@ class SceneBinder:
         """As `Geometry.use_single_hits`; another `update` is needed if it returns True."""
         is_new = self.assets.geometry.use_single_hits(mesh)
         if is_new:
-            self.note(mesh)
+            self.mark_changed(mesh)
         return is_new
 
     def keep_previous_tlas(self, renderer: object, needed: bool) -> None:

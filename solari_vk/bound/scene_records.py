@@ -63,7 +63,7 @@ class SceneRecords:
         self._records_change = False  # but for those in _to_write
         scene.watch(self)
 
-    def note(self, changed: Observable) -> None:
+    def mark_changed(self, changed: Observable) -> None:
         """Record that an object was added, removed or edited. The watched objects call this."""
         self._changed[changed] = None
 

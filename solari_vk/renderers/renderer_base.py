@@ -281,7 +281,7 @@ class RendererBase(Hints):
             raise SolariError(f"{camera.describe()}: raster draws no lenses: leave the setting gbuffer at auto")
         self._has_lens = bends_rays
         if camera.has_lens and LENSES not in self.binder.features:
-            self.binder.note(camera)
+            self.binder.mark_changed(camera)
 
     def _checked_size(self, size: tuple[int, int]) -> tuple[int, int]:
         what = type(self).__name__

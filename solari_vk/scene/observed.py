@@ -21,7 +21,7 @@ _UNSEEN = {"name", "label", "part_of"}
 class Watcher(Protocol):
     """Is notified of every object that has changed."""
 
-    def note(self, changed: Observable) -> None: ...
+    def mark_changed(self, changed: Observable) -> None: ...
 
 
 class Observable(Hints):
@@ -30,7 +30,7 @@ class Observable(Hints):
     _watchers: tuple[weakref.ref[Watcher], ...] = ()
 
     def watch(self, watcher: Watcher) -> None:
-        """Have `watcher.note(self)` called on every change, for as long as the watcher lives."""
+        """Have `watcher.mark_changed(self)` called on every change, for as long as the watcher lives."""
         self.unwatch(watcher)
         # Past our own __setattr__, which is for fields.
         object.__setattr__(self, "_watchers", (*self._watchers, weakref.ref(watcher)))
@@ -51,7 +51,7 @@ class Observable(Hints):
 
     def _notify(self, changed: Observable) -> None:
         for watcher in self._alive_watchers():
-            watcher.note(changed)
+            watcher.mark_changed(changed)
 
     def describe(self) -> str:
         """The object's kind and name, for messages."""

@@ -39,7 +39,7 @@ def test_scenes_hold_objects_in_order_and_notify_watchers():
     seen = []
 
     class Watcher:
-        note = staticmethod(seen.append)
+        mark_changed = staticmethod(seen.append)
 
     watcher, scene = Watcher(), scene_of("floor", "wall")
     scene.watch(watcher)

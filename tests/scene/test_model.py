@@ -32,7 +32,7 @@ class Notes:
     def __init__(self):
         self.seen = []
 
-    def note(self, changed):
+    def mark_changed(self, changed):
         self.seen.append(changed)
 
 

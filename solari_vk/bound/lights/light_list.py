@@ -212,17 +212,14 @@ class LightList:
             points = [kind.position(light) for kind, light in others if kind.position]
             self.positions = np.concatenate([boxes[:, 0], np.reshape(points, (-1, 3))])
             self._positions_changed = False
-        if self._changed and others:
-            for kind, light in others:
-                self._set_power(light, self._power(kind, light, lit_area))
         if self._changed or self._powers_changed:
-            self._update_rows(others)
+            self._update_rows(others, lit_area)
         self._update_tree(boxes, others)
 
     def _update_portals(self) -> None:
         """Have the maps of portals show the environments, whose light comes through them."""
-        edited = any(isinstance(light, (Portal, EnvironmentLight)) for light in self._edited)
-        if self._changed or edited:
+        are_edited = any(isinstance(light, (Portal, EnvironmentLight)) for light in self._edited)
+        if self._changed or are_edited:
             for portal in self._portal_maps.make(self._lights_of(Portal), self._lights_of(EnvironmentLight)):
                 self._edited[portal] = kind_of(portal)
 
@@ -252,8 +249,11 @@ class LightList:
             self._positions_changed = True
         self._edited.clear()
 
-    def _update_rows(self, others: list[tuple[LightKind, Light]]) -> None:
+    def _update_rows(self, others: list[tuple[LightKind, Light]], lit_area: Callable[[], float]) -> None:
         """Update what depends on the lights' number, order and powers."""
+        if self._changed:
+            for kind, light in others:
+                self._set_power(light, self._power(kind, light, lit_area))
         listed: list[Instance | Light] = [*self.emissive, *(light for _, light in others)]
         self.powers = np.fromiter((self._power_of[light] for light in listed), np.float64, len(listed))
         self._powers_changed = False

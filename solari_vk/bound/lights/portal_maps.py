@@ -105,15 +105,17 @@ class PortalMaps(dict[Light, dict[str, Any]]):
 
     def make(self, portals: Sequence[Portal], environments: Sequence[EnvironmentLight]) -> list[Portal]:
         """Make the maps of these portals under these environments; returns the portals whose map is another now."""
-        lit = [light for light in environments if light.emits] if portals else []
+        lit = [light for light in environments if light.emits and portals]
         luminances = {id(light.image): self._luminance_of(light) for light in lit}
         self._luminances |= luminances  # also where a map below can't be made
-        axes = {portal: directions_of(portal) for portal in portals} if lit else {}
         light_key = _light_key(lit)
-        keys = {portal: (light_key, np.round(found, 5).tobytes()) for portal, found in axes.items()}
-        for portal, key in keys.items():
-            if key not in self._maps:
-                self._maps[key] = self._make([(light, luminances[id(light.image)][1]) for light in lit], axes[portal])
+        keys: dict[Portal, Any] = {}
+        for portal in portals:
+            axes = directions_of(portal)
+            key = light_key, np.round(axes, 5).tobytes()
+            if lit and key not in self._maps:
+                self._maps[key] = self._make([(light, luminances[id(light.image)][1]) for light in lit], axes)
+            keys[portal] = key
         for key in self._maps.keys() - set(keys.values()):
             self._maps.pop(key).destroy()
         self._luminances = luminances
