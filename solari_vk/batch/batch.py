@@ -100,6 +100,7 @@ class Batch(BatchResults):
             self._labels_names = names
             self._names = (*LIGHT[renderer], *names)
             self._owned.callback(self._close_many)
+            # The scene must be on the device before worlds copy its records.
             self.binder.update()
             count = checked_worlds(device, worlds if scenes is None else len(scenes), self.views, renderer)
             self._worlds = Worlds(device, self.binder, count)
@@ -321,6 +322,7 @@ class Batch(BatchResults):
                 frame.rebuild(self._stages(capacity))
                 upload_rows(frame.resource("previous_instances"), previous, self._worlds.count)
             self._capacity = capacity
+        # One dispatch has a limited number of pixels.
         frame.uniforms["path_sampling.row_count"] = self._rows
         for row in range(0, self._strip[1], self._rows):
             frame.uniforms["path_sampling.first_row"] = row

@@ -44,7 +44,7 @@ class LightChanges:
         self.change = np.zeros(1)
         """The same of recent frames; it decays."""
         self.is_still = True
-        """Whether nothing has changed recently."""
+        """Whether nothing has changed recently: then an update has nothing to do, as long as states stay the same."""
         self._previous: list[LightState] = []
         self._uploaded = False  # whether the buffer has the changes
         self._recent: list[RecentChanges] = []
@@ -64,12 +64,14 @@ class LightChanges:
         self.newest = np.zeros(count)
         each = [*states] * (count // len(states))
         for world, (before, now, recent) in enumerate(zip(self._previous, each, self._recent, strict=True)):
+            # A light list makes new arrays where something changes, so that their identity tells.
             if before is not now and any(a is not b for a, b in zip(before, now, strict=True)):
                 changed = share_changed(before.ids, before.powers, now.ids, now.powers)
                 moved = share_moved(before.ids, before.positions, now.ids, now.positions, now.powers, cell_size)
                 self.newest[world] = max(changed, moved)
             recent.update(now.ids, now.powers, now.places, now.positions, cell_size)
         self._previous = [*states]
+        # Each frame forgets a share of the earlier changes, as the histories that follow them do.
         change = self.change * CHANGE_DECAY
         self.change = np.maximum(np.where(change > MIN_CHANGE, change, 0.0), self.newest)
         if len(states) < count:

@@ -58,7 +58,8 @@ class ManyFrames(Mapping[str, NDArray[Any]]):
     They are these until the batch renders many frames again, or is closed; arrays are copies.
     """
 
-    _tensors = 0  # that somebody has
+    # Arrays and tensors that show the memory, which stays as long as one of them does, also after `close`.
+    _tensors = 0
     _closed = False
 
     def __init__(self, device: Device, results: Mapping[str, Result], frames: int, port: TensorPort) -> None:
@@ -98,6 +99,7 @@ class ManyFrames(Mapping[str, NDArray[Any]]):
     def __getitem__(self, name: str) -> NDArray[Any]:
         result, buffer = self._of(name)
         values = buffer.read(result.dtype, self._frames * result.values).reshape(self._frames, result.values)
+        # What was wrong in tensors of these frames is known now that the device has rendered them.
         self._port.check()
         return np.stack([result.shaped(one) for one in values])
 
@@ -108,6 +110,7 @@ class ManyFrames(Mapping[str, NDArray[Any]]):
             raise SolariError(f"{WHERE}: '{name}' is an image: frames['{name}'] copies it")
         count = self._frames * result.values
         if buffer.mapped:
+            # The host sees the device's memory: an array shows it without a copy.
             self._device.sync_host()
             memory = buffer.view(result.dtype, count)
             self._tensors += 1

@@ -19,14 +19,14 @@ from solari_vk.passes import reference, world_cache
 from solari_vk.renderers.renderer import Renderer
 from solari_vk.scene.model import Camera, Scene
 
+# The options of each renderer.
 OPTIONS = {
     "labels": [],
     "reference": [field.name for field in dataclasses.fields(reference.Settings)],
     "realtime": ["settings", "seed"],
 }
-"""The options of each renderer."""
+# The results of each renderer beside the outputs.
 LIGHT = {"labels": (), "reference": ("radiance",), "realtime": ("radiance", "raw_radiance", "display")}
-"""The results of each renderer beside the outputs."""
 
 
 def checked_mask(reset: Any, views: int) -> NDArray[np.bool_]:
@@ -104,9 +104,11 @@ def checked_worlds(device: Device, worlds: Any, views: int, renderer: str) -> in
 
 def check_realtime(cameras: Any) -> None:
     """Raise SolariError for cameras that the realtime renderer doesn't take."""
-    for index, camera in enumerate(cameras if isinstance(cameras, (list, tuple)) else ()):
+    if not isinstance(cameras, (list, tuple)):
+        return
+    for index, camera in enumerate(cameras):
         if not isinstance(camera, Camera):
-            return  # lists of poses
+            return  # it is a list of poses
         if camera.auto_exposure:
             raise SolariError(f"Batch.render: view {index} can't choose an exposure: set auto_exposure to False")
 
@@ -119,10 +121,12 @@ def checked_size(device: Device, size: Any, views: int, record_bytes: int, rende
     if width > 0 and height > 0:
         pixel_bytes = Renderer.LARGEST_PIXEL_BYTES if renderer == "realtime" else reference.LARGEST_PIXEL_BYTES
         most = limits.maxStorageBufferRange // max(pixel_bytes * width * height, record_bytes)
-        if renderer == "realtime":  # all in one image, whose last row may have places without a view
+        # The realtime renderer has all views in one image, a grid whose last row may have places without a view.
+        if renderer == "realtime":
             columns, rows = (limits.maxImageDimension2D // side for side in (width, height))
             empty = min(round(math.sqrt(most * height / width)), most - 1)
-            layers = limits.maxComputeWorkGroupCount[2]  # paths that wait have one for each view
+            # Dispatches of waiting paths have a layer of work groups for each view.
+            layers = limits.maxComputeWorkGroupCount[2]
             most = min(most - max(empty, 0), columns * rows, layers)
     if views > most:
         hint = f"at most {most:,} views of this size: render them in parts" if most else "none of this size"

@@ -25,17 +25,20 @@ class Overrides(MutableMapping[str | Item, Values], Generic[Item, Values]):
     """What objects of the scene are in each world, by the name of an object or by itself. Objects without are the
     scene's in all worlds."""
 
-    where: str  # for messages
+    # Of each subclass: how messages begin, the class of the objects, and the scene's collection that has them.
+    where: str
     kind: type[Any]
-    among: str  # the scene's collection
+    among: str
 
     def __init__(self, binder: SceneBinder, worlds: int) -> None:
-        self._binder, self.worlds = binder, worlds
+        self._binder = binder
+        self.worlds = worlds
         self._values: dict[Item, Values] = {}
         self.changed: set[Item] = set()
 
     def _item(self, key: str | Item) -> Item:
-        items, name = getattr(self._binder.scene, self.among), self.among.removesuffix("s")
+        items = getattr(self._binder.scene, self.among)
+        name = self.among.removesuffix("s")
         if isinstance(key, self.kind):
             if key not in items:
                 raise SolariError(f"{self.where}: the scene doesn't have {key.describe()}")
@@ -119,25 +122,25 @@ class Overrides(MutableMapping[str | Item, Values], Generic[Item, Values]):
         return len(self.current())
 
     def current(self) -> dict[Item, Values]:
-        """What was given; what left the scene is forgotten."""
+        """All overrides, of which those of objects that left the scene are dropped."""
         items = getattr(self._binder.scene, self.among)
         for item in [item for item in self._values if item not in items]:
             self.replace(item, None)
         return self._values
 
     def _checked_list(self, item: Item, values: Any, kind: type[Any], what: str) -> list[Any]:
-        given = list(values) if isinstance(values, Sequence) else None
-        if given is None or len(given) != self.worlds:
-            there = quoted(values) if given is None else f"{len(given)}"
+        found = list(values) if isinstance(values, Sequence) else None
+        if found is None or len(found) != self.worlds:
+            there = quoted(values) if found is None else f"{len(found)}"
             raise SolariError(
                 f"{self.where}: {item.describe()} takes a list of {self.worlds} {what}, one for each world, not {there}"
             )
-        for world, value in enumerate(given):
+        for world, value in enumerate(found):
             if not isinstance(value, kind):
                 raise SolariError(
                     f"{self.where}: world {world} of {item.describe()} takes one of {what}, not {quoted(value)}"
                 )
-        return given
+        return found
 
 
 class TransformOverrides(Overrides[Instance, NDArray[np.float64]]):
@@ -150,20 +153,24 @@ class TransformOverrides(Overrides[Instance, NDArray[np.float64]]):
     `Instance.transform` doesn't take.
     """
 
-    where, kind, among = "Batch.transforms", Instance, "instances"
+    where = "Batch.transforms"
+    kind = Instance
+    among = "instances"
 
     def __setitem__(self, key: Any, values: Any) -> None:
         if not isinstance(key, (list, tuple)):
             super().__setitem__(key, values)
             return
-        what, shape = "of several instances", (self.worlds, len(key), 4, 4)
+        what = "of several instances"
+        shape = self.worlds, len(key), 4, 4
         tensor = self.accept_tensor(values, what, shape)
         if tensor is not None:
             parts: list[Any] = [tensor.at(index, axis=1) for index in range(len(key))]
         else:
             parts = list(np.moveaxis(array(values, what, shape, where=self.where), 1, 0))
-        for item, own in [self.checked(*pair) for pair in zip(key, parts, strict=True)]:
-            self.replace(item, own)
+        # All are checked before the first is replaced, so that an error leaves all as they were.
+        for item, transforms in [self.checked(*pair) for pair in zip(key, parts, strict=True)]:
+            self.replace(item, transforms)
 
     def accept_tensor(
         self, values: Any, what: str, shape: tuple[int, ...], where: str | None = None
@@ -172,7 +179,8 @@ class TransformOverrides(Overrides[Instance, NDArray[np.float64]]):
         return self._binder.tensors.accept_shaped(values, what, shape, where=where or self.where)
 
     def _checked(self, item: Instance, values: Any) -> Any:
-        what, shape = f"of {item.describe()}", (self.worlds, 4, 4)
+        what = f"of {item.describe()}"
+        shape = self.worlds, 4, 4
         tensor = values if isinstance(values, DeviceTensor) else self.accept_tensor(values, what, shape)
         return tensor or self._on_host(item, array(values, what, shape, where=self.where))
 
@@ -186,8 +194,9 @@ class TransformOverrides(Overrides[Instance, NDArray[np.float64]]):
         """What was given of these, from now on in the host's memory also if it was a tensor's, which waits for it."""
         found = {}
         for item in self._values.keys() & set(items):
-            given = self._values[item]
-            found[item] = self._on_host(item, given.read()) if isinstance(given, DeviceTensor) else given
+            values = self._values[item]
+            found[item] = self._on_host(item, values.read()) if isinstance(values, DeviceTensor) else values
+        # From now on the host has them, and doesn't wait for the tensor again.
         self._values.update(found)
         return found
 
@@ -203,7 +212,9 @@ class MaterialOverrides(Overrides[Instance, list[Material]]):
     that the scene doesn't have, and for wrong lists.
     """
 
-    where, kind, among = "Batch.world_materials", Instance, "instances"
+    where = "Batch.world_materials"
+    kind = Instance
+    among = "instances"
 
     def _checked(self, item: Instance, values: Any) -> list[Material]:
         return self._checked_list(item, values, Material, "sv.Material")
@@ -215,6 +226,7 @@ class MaterialOverrides(Overrides[Instance, list[Material]]):
         before = self._values.get(item, [])
         super().replace(item, values)
         table = self._binder.materials
+        # New ones are acquired first, so that those which stay are not uploaded again.
         for material in dict.fromkeys(values or ()):
             table.acquire(material, item)
         for material in dict.fromkeys(before):
@@ -236,21 +248,24 @@ class LightOverrides(Overrides[Light, list[Light | None]]):
     Raises SolariError for a light that the scene doesn't have, and for wrong lists.
     """
 
-    where, kind, among = "Batch.world_lights", Light, "lights"
+    where = "Batch.world_lights"
+    kind = Light
+    among = "lights"
 
     def __init__(self, binder: SceneBinder, worlds: int) -> None:
         super().__init__(binder, worlds)
+        # Lights of worlds need not be in the scene, so that nobody else is told of their edits.
         self._edits = weakref.WeakKeyDictionary[Light, int]()
 
     def _checked(self, item: Light, values: Any) -> list[Light | None]:
-        given = self._checked_list(item, values, Light | None, "sv lights, or None")  # type: ignore[arg-type]
-        for world, light in enumerate(given):
+        lights = self._checked_list(item, values, Light | None, "sv lights, or None")  # type: ignore[arg-type]
+        for world, light in enumerate(lights):
             if isinstance(light, Portal):
                 raise SolariError(
                     f"{self.where}: world {world} of {item.describe()} can't have a portal: all worlds "
                     "share the scene's"
                 )
-        return given
+        return lights
 
     def _by_default(self, item: Light) -> list[Light | None]:
         return [item] * self.worlds

@@ -31,7 +31,8 @@ class BatchResults(Hints):
     views: int
     _names: tuple[str, ...] = ()
     _rendered = _closed = False
-    _tensors = 0  # that somebody has
+    # Arrays and tensors that show the results' memory, which stays as long as one of them does, also after `close`.
+    _tensors = 0
     _many: ManyFrames | None = None
     _labels: SceneFrame | None = None
     _paths: BatchPathTracer | None = None
@@ -98,6 +99,7 @@ class BatchResults(Hints):
             raise SolariError(f"Batch.tensor: '{name}' is an image: batch['{name}'] copies it")
         tensor: NDArray[Any] | CudaTensor
         if not buffer.mapped:
+            # CUDA gets a copy in memory that it shares with Vulkan.
             tensor = self._shaped(name, result.frame.tensor(result.resource, self._pixels(name)))
             return tensor
         self.device.sync_host()
@@ -131,8 +133,9 @@ class BatchResults(Hints):
         return self._labels, f"aov_{name}"
 
     def _shaped(self, name: str, values: Any) -> Any:
+        # -1 for none, as hits of RayTracer have it.
         if name == "primitive" and isinstance(values, np.ndarray):
-            values = values.view(np.int32)  # -1 for none, as hits of RayTracer have it
+            values = values.view(np.int32)
         width, height = self._size_of(name)
         channels = math.prod(values.shape) // self._pixels(name)
         return values.reshape(self.views, height, width, *((channels,) if channels > 1 else ()))

@@ -26,9 +26,12 @@ from solari_vk.scene.model import Camera
 Floats = NDArray[np.float64]
 DEFAULTS = Camera()
 LARGEST_EV100 = 100.0
-POSE_NUMBERS = 24  # of a camera: world_from_view, then view_from_world, by columns
+# Of a camera: world_from_view, then view_from_world, by columns of 3.
+POSE_NUMBERS = 24
 _LAST_ROW = np.array([[0.0], [0.0], [0.0], [1.0]])
-NARROWEST, WIDEST = 1e-4, math.pi - 1e-4  # vertical fields of view of a Camera, in radians
+# Vertical fields of view of a Camera, in radians.
+NARROWEST = 1e-4
+WIDEST = math.pi - 1e-4
 
 
 class ViewCameras(NamedTuple):
@@ -58,13 +61,14 @@ def array(value: Any, what: str, *shapes: tuple[int, ...], where: str = "Batch.r
     try:
         if hasattr(value, "__dlpack__") and not hasattr(value, "__array__"):
             value = np.from_dlpack(value)
-        given: Floats = np.asarray(checks.real(value), np.float64)
-        if given.shape not in shapes:
-            raise ValueError(f"must have the shape {' or '.join(map(str, shapes))}, not {given.shape}")
-        checks.refuse_not_finite(given)
+        numbers: Floats = np.asarray(checks.real(value), np.float64)
+        if numbers.shape not in shapes:
+            raise ValueError(f"must have the shape {' or '.join(map(str, shapes))}, not {numbers.shape}")
+        checks.refuse_not_finite(numbers)
+    # Libraries of tensors raise RuntimeError and BufferError for tensors that they can't share.
     except (TypeError, ValueError, OverflowError, RuntimeError, BufferError) as error:
         raise SolariError(f"{where}: {what} {error}") from None
-    return given
+    return numbers
 
 
 def check_all(right: NDArray[np.bool_], rule: str, what: str, where: str = "Batch.render", of: str = "view") -> None:
@@ -82,12 +86,15 @@ def check_transforms(
     `Camera.transform`. Returns their axes with a length of 1, by rows (3, 3, N), the origins (3, N), the cross products
     of the axes, of which (3, i, N) is that of the two that follow axis i, and the volumes between the axes (N,)."""
     names = what, where, of
+    # Each number of all matrices side by side, so that numpy works on long rows.
     rows = np.array(given.transpose(1, 2, 0), order="C")
+    # The quick checks of all come first; what a message says of the wrong ones is computed where there are some.
     if not (rows[3] == _LAST_ROW).all():
         check_all((rows[3] == _LAST_ROW).T, "be affine, with the last row 0 0 0 1", *names)
     if rows.max() > checks.LARGEST_TRANSFORM or rows.min() < -checks.LARGEST_TRANSFORM:
         check_all(np.abs(given) <= checks.LARGEST_TRANSFORM, f"lie within {checks.LARGEST_TRANSFORM:g}", *names)
-    axes = np.empty((5, 5, len(given)))  # with the first two rows and columns again
+    # The first two rows and columns follow again, so that a cross product is a difference of products of blocks.
+    axes = np.empty((5, 5, len(given)))
     squares = rows[:3, :3] * rows[:3, :3]
     lengths = np.sqrt(squares[0] + squares[1] + squares[2])
     lengths[lengths == 0] = np.inf  # which leaves no volume
@@ -116,8 +123,10 @@ def camera_matrices(axes: Floats, origins: Floats, crossed: Floats, volume: Floa
     made = np.empty((8, 3, len(volume)), np.float32)
     made[:3] = axes.swapaxes(0, 1)
     made[3] = origins
-    crossed /= volume  # a row of the inverse has the cross product of the other two axes
+    # A row of the inverse is the cross product of the other two axes, over the volume of all three.
+    crossed /= volume
     made[4:7] = crossed
+    # The inverse moves the camera's origin to 0.
     moved = np.multiply(crossed, origins[:, None], out=crossed)
     made[7] = -moved[0] - moved[1] - moved[2]
     return made.reshape(POSE_NUMBERS, -1)
@@ -226,6 +235,7 @@ class CameraReader:
 
     def _pinholes_of(self, options: Mapping[str, Any]) -> ViewCameras:
         """Pinhole cameras with any poses: the latest, where they were made from the same numbers."""
+        # Comparing single numbers is quicker than making arrays of them, which most frames need not do again.
         plain = all(type(value) in (int, float) for value in options.values())
         if plain and self._pinholes is not None and options == self._plain:
             return self._pinholes

@@ -59,7 +59,7 @@ class ViewTable:
         self.records = np.zeros(count, inputs)
         """ViewInput of view_records.glsl (N,): what changes seldom. Write to it where `must_write`."""
         self._cameras: NDArray[Any] | None = None  # that were written
-        # Their memory, in which numpy copies them ten times as fast as by their fields.
+        # The memory of their records, in which numpy copies them ten times as fast as by their fields.
         self._bytes = self.records.view(np.uint8).reshape(count, -1)[:, : fields["current"][0].itemsize]
         memory = np.zeros(SHARED.itemsize + 4 * _ROWS * count, np.uint8)
         self.shared = memory[: SHARED.itemsize].view(SHARED)
@@ -81,6 +81,7 @@ class ViewTable:
             self._frame = Mirror(device, memory, "frame of views", self._record)
 
     def _record(self, commands: raw.CData) -> None:
+        # After the upload of `_frame`, in the same submission as the frame that reads the records.
         block = self.buffer.address
         for kernel, threads in self._steps:
             kernel.record(
@@ -127,6 +128,7 @@ class ViewTable:
             self._write_tensor(poses, address)
         else:
             self._rows[:] = poses
+        # The first frame has no records before, whose cameras could be the previous ones.
         self._cut[:] = True if self._first else cut
         self.shared["index"] = index
         self.shared["poses"] = address

@@ -73,6 +73,7 @@ class WorldLights:
         if not self._shown:
             self._shown = [None] * self._count
             self.states = [LightState.of(self._scene_lights)] * self._count
+        # Worlds that changed to the same list are written at once.
         changed: dict[Any, list[int]] = {}
         for world, (key, old) in enumerate(zip(shown, self._shown, strict=True)):
             if key != old:
@@ -129,7 +130,7 @@ class WorldLights:
         def put(name: str, records: NDArray[Any]) -> None:
             self.tables[name][worlds, : records.shape[1]] = records
 
-        # Indices of instances and of records of a kind: a light's own world begins at another row of those tables.
+        # Lights name rows of other tables: their leaves, and instances or records of their kind.
         sources = tiled(lights.sources.records[: len(lights.ids)])
         sources["first_leaf"] += first["light_leaves"]
         sources["record_index"][:, :emitter_count] += (worlds * instance_rows).astype(np.uint32)[:, None]
@@ -272,6 +273,7 @@ class OverriddenLights:
         poses: Mapping[Instance, Any],
     ) -> Any:
         """All that the list of a world depends on."""
+        # Ids of objects that the lists keep alive, so that no other object gets the same id.
         of_lights = [(id(light), overrides.lights.edits_of(light)) for light in lights]
         of_emitters = []
         for instance, material, transform in emitters:
@@ -286,6 +288,7 @@ class OverriddenLights:
         made = LightList(self._device, self._layout, self._data)
         copies = []
         for instance, material, transform in emitters:
+            # A copy of the instance takes its place in the list, with what it has in this world.
             placed = {} if transform is None else {"transform": transform}
             emitter = copy.copy(instance)
             emitter.update(material=material, **placed)
@@ -296,6 +299,7 @@ class OverriddenLights:
             made.set_light(light, True)
         made.update(records.traced.lit_area)
         binder.add_feature(made.leaves.light_tree)
+        # Lights keep their numbers when a list is made anew, by which frames find them again.
         listed: list[Instance | Light] = [emitter.instance for emitter in emitters]
         for of_kind in made.others.values():
             listed += of_kind

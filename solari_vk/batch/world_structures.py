@@ -37,6 +37,7 @@ class WorldStructures:
     def prepare(self, records: NDArray[Any], counts: Sequence[int]) -> None:
         """Upload the records (worlds, N) that `build` builds from. counts: how many of them each world has."""
         buffer = uploaded(self._device, self.records, records, "tlas_instances")
+        # A build that is prepared once can be submitted in each frame.
         wanted = records.shape[1], counts
         if buffer is not self.records or self._builds is None or self._built != wanted:
             self.records = buffer
@@ -64,6 +65,7 @@ class WorldStructures:
 
     def _structure(self, before: Tlas | None, world: int, count: int) -> Tlas:
         """The structure that a world has, or a new one where that is too small, or much too large."""
+        # Room for twice as many instances, so that a world which loses and gains some keeps its structure.
         if before is not None and count <= before.max_instances <= 2 * count + 16:
             return before
         return Tlas(self._device, count, name=f"world {world}")
@@ -77,6 +79,7 @@ class WorldStructures:
 
 def uploaded(device: Device, buffer: Buffer | None, records: NDArray[Any], name: str) -> Buffer:
     """Upload records to a buffer, or to a new one of their size in its place; returns that which has them."""
+    # Not empty, because Vulkan has no buffers of size 0.
     size = max(records.nbytes, INSTANCE_DTYPE.itemsize)
     with device.undone_on_error():
         target = buffer if buffer is not None and buffer.size == size else device.buffer(size, name)

@@ -7,41 +7,29 @@ rows as their custom indices, so that shaders which have a hit need not know its
 
 from __future__ import annotations
 
-import copy
 from collections.abc import Iterable, Mapping
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from solari_vk.base.errors import SolariError
 from solari_vk.batch.light_changes import LightState
+from solari_vk.batch.overridden_instances import InstanceOverride, OverriddenInstances
 from solari_vk.batch.overrides import LightOverrides, MaterialOverrides, TransformOverrides, WorldOverrides
 from solari_vk.batch.view_table import ViewTable
 from solari_vk.batch.world_lights import OverriddenLights, SharedList, WorldLights, lists_of_scenes
 from solari_vk.batch.world_structures import WorldStructures, uploaded
 from solari_vk.bound.binder import SceneBinder
-from solari_vk.bound.lights.blockers import blocker_transform, blocks_light
 from solari_vk.bound.scene_records import MAX_INSTANCES, SceneRecords
-from solari_vk.bound.traced_instances import flags_of, mask_of
 from solari_vk.gpu.acceleration.tlas import INSTANCE_DTYPE
 from solari_vk.gpu.device.buffer import Buffer
 from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.tensors.imports import DeviceTensor
 from solari_vk.gpu.tensors.port import POSE_RULE, Dispatch, rule
-from solari_vk.scene.model import Instance, Material
+from solari_vk.scene.model import Instance
 
 ROW_MASK = (1 << 24) - 1  # of custom_index_and_mask
-
-
-class Override(NamedTuple):
-    """What an instance has of its own in each world (worlds, ...), None for what the scene has: its transforms, the
-    rows of its materials, and the flags and masks of what rays hit."""
-
-    transforms: NDArray[np.float64] | DeviceTensor | None = None
-    materials: NDArray[np.uint32] | None = None
-    flags: NDArray[np.uint32] | None = None
-    masks: NDArray[np.uint32] | None = None
 
 
 class Worlds:
@@ -55,15 +43,18 @@ class Worlds:
         """None where each world shows a scene of its own."""
         self._device = device
         self._binder = binder
-        self._has_tables = count > 1 or binder.has_many_scenes  # else the binder's own are those of the only world
+        # One world of one scene needs no tables of its own: it is the scene as the binder has it.
+        self._has_tables = count > 1 or binder.has_many_scenes
         self._lights = WorldLights(device, binder.lights, count)
         self._overridden_lights = OverriddenLights(device, binder, count)
+        self._overridden_instances = OverriddenInstances(binder)
         self._scene_lights: Mapping[Any, SharedList] = {}  # of several scenes
         self._structures = WorldStructures(device, count)
         self._buffers: dict[str, Buffer] = {}
         self._shared: dict[str, Buffer] = {}  # the scene's tables of lights, while all worlds have them
         self._worlds_of: dict[SceneRecords, NDArray[np.int64]] = {}
         for records in dict.fromkeys(binder.worlds):
+            # A scene may stand in a list several times; one scene is that of all worlds.
             shows = [one is records for one in binder.worlds] if binder.has_many_scenes else [True] * count
             self._worlds_of[records] = np.flatnonzero(shows)
         # What the device has, in the host's memory (worlds, N), and what it was made from.
@@ -74,9 +65,6 @@ class Worlds:
         self._traced: NDArray[Any] = np.zeros((0, 0))
         self._layout: Any = None
         self._written_light_index: NDArray[np.uint32] | None = None
-        # Of instances that have materials of their own: these, and in some world blended ones, and what they look like.
-        self._surfaces: dict[Instance, Override] = {}
-        self._blended: dict[Instance, tuple[Any, ...]] = {}
 
     # ---- what others read ---------------------------------------------------------------------------
 
@@ -193,13 +181,13 @@ class Worlds:
         moved = overrides.transforms.changed
         has_new_surfaces = is_new or bool(overrides.materials.changed)
         if has_new_surfaces:
-            self._follow_materials(overrides)
-        self._binder.records.blended_changes += any(map(self._is_blended, moved))
+            self._overridden_instances.follow_materials(overrides)
+        self._binder.records.blended_changes += any(map(self._overridden_instances.is_blended, moved))
         has_new_lights = has_new_surfaces or bool(overrides.lights.changed) or any(map(self._is_emitter, moved))
         if has_new_lights:
             self._follow_lights(overrides, must_upload=is_new)
-        blockers = self._blockers(overrides)
-        differing = self._differing(overrides, blockers)
+        blockers = self._overridden_instances.blockers(overrides)
+        differing = self._overridden_instances.all(overrides, blockers)
         # Lists of lights that are others often leave each emitter its row, which is all that instances say of lights.
         has_new_rows = self._lights.light_index is not self._written_light_index
         if not (has_new_lights or blockers) and self._only_tensors_moved(overrides, differing):
@@ -209,19 +197,17 @@ class Worlds:
         self._is_current = True
         overrides.confirm()
 
-    def _only_tensors_moved(self, overrides: WorldOverrides, differing: Mapping[Instance, Override]) -> bool:
+    def _only_tensors_moved(self, overrides: WorldOverrides, differing: Mapping[Instance, InstanceOverride]) -> bool:
         """Whether all that changed are transforms that the device has, which it writes by itself."""
         moved = overrides.transforms.changed
         if not moved or self._layout != self._layout_of(differing):
             return False
-        return all(isinstance(differing.get(instance, Override()).transforms, DeviceTensor) for instance in moved)
+        transforms = [differing.get(instance, InstanceOverride()).transforms for instance in moved]
+        return all(isinstance(values, DeviceTensor) for values in transforms)
 
     def _is_emitter(self, instance: Instance) -> bool:
         """Whether an instance emits light in the scene, or in some world as of the latest update."""
         return self._binder.lights.index(instance) is not None or instance in self._overridden_lights.emitting
-
-    def _is_blended(self, instance: Instance) -> bool:
-        return instance in self._blended or (instance not in self._surfaces and instance.alpha_mode == "blend")
 
     # ---- lights -------------------------------------------------------------------------------------
 
@@ -247,69 +233,16 @@ class Worlds:
             self._shared = shared
             self.version += 1
 
-    # ---- what differs between worlds ----------------------------------------------------------------
-
-    def _follow_materials(self, overrides: WorldOverrides) -> None:
-        """Find the surfaces of instances that have materials of their own, which must be in the binder's tables."""
-        self._surfaces = {}
-        blended: dict[Instance, tuple[Any, ...]] = {}
-        built_anew = False
-        for instance, materials in overrides.materials.current().items():
-            found = {material: self._surface(instance, material) for material in dict.fromkeys(materials)}
-            if any(mode == "blend" for mode, *_ in found.values()):
-                blended[instance] = instance.transform.tobytes(), instance.visible, instance.mesh, *materials
-                built_anew |= self._binder.use_single_hits(instance.ray_mesh or instance.mesh)
-            columns = np.array([found[material][1:] for material in materials], np.uint32).T
-            self._surfaces[instance] = Override(None, *columns)
-        self._binder.records.blended_changes += blended != self._blended
-        self._blended = blended
-        if built_anew:
-            self._binder.update()
-
-    def _surface(self, instance: Instance, material: Material) -> tuple[str, int, int, int]:
-        """The alpha mode of an instance with a material, the material's row, and the flags and mask for rays."""
-        variant = copy.copy(instance)
-        variant.update(material=material)
-        mode = variant.alpha_mode
-        if mode != "opaque":
-            self._binder.add_feature(variant)
-        row = self._binder.materials.rows[material]
-        return mode, row, flags_of(material.double_sided, mode), mask_of(instance.visible, mode)
-
-    def _blockers(self, overrides: WorldOverrides) -> dict[Instance, Override]:
-        """The balls that block the light of sphere lights: elsewhere in each world, or hidden from rays."""
-        found = {}
-        for light, lights in overrides.lights.current().items():
-            blocker = self._binder.lights.blockers.of(light)
-            if blocker is None:
-                wrong = [world for world, one in enumerate(lights) if blocks_light(one)]
-                if wrong:
-                    raise SolariError(
-                        f"Batch.world_lights: {light.describe()} blocks light in world {wrong[0]}, for "
-                        "which it needs a body in the scene: set blocks_light there too"
-                    )
-                continue
-            transforms = [blocker_transform(one) if blocks_light(one) else blocker.transform for one in lights]
-            masks = [mask_of(blocks_light(one), "opaque") for one in lights]
-            found[blocker] = Override(np.stack(transforms), None, None, np.array(masks, np.uint32))
-        return found
-
-    def _differing(self, overrides: WorldOverrides, blockers: Mapping[Instance, Override]) -> dict[Instance, Override]:
-        differing = {**self._surfaces, **blockers}
-        for instance, transforms in overrides.transforms.current().items():
-            differing[instance] = differing.get(instance, Override())._replace(transforms=transforms)
-        return differing
-
     # ---- instances and their structures -------------------------------------------------------------
 
-    def _layout_of(self, differing: Mapping[Instance, Override]) -> Any:
+    def _layout_of(self, differing: Mapping[Instance, InstanceOverride]) -> Any:
         """What the arrays of records depend on: their shape, and which fields each world has of its own. While it stays
         the same, a field that was overwritten is overwritten again."""
         overwritten = [(instance, own.transforms is None, own.materials is None) for instance, own in differing.items()]
         most = max(records.traced.count for records in self._worlds_of)
         return self.rows, most, self._lights.light_index is None, (*overwritten,)
 
-    def _write(self, differing: Mapping[Instance, Override]) -> None:
+    def _write(self, differing: Mapping[Instance, InstanceOverride]) -> None:
         layout = self._layout_of(differing)
         if layout != self._layout:
             self._make_arrays(most=layout[1])
@@ -322,6 +255,7 @@ class Worlds:
         if self._lights.light_index is not None:
             self._instances["light_index"] = self._lights.light_index
         self._upload("instances", self._instances)
+        # A world may have fewer instances than there is room for.
         counts = np.zeros(self.count, np.int64)
         for records, worlds in self._worlds_of.items():
             counts[worlds] = records.traced.count
@@ -352,11 +286,12 @@ class Worlds:
         count = records.traced.count
         first_rows = (worlds * self.rows).astype(np.uint32)[:, None]
         self._instances[worlds, : len(instances)] = instances
+        # A custom index is a row of `instances`, of which each world has its own.
         self._traced[worlds, :count] = records.traced.table.records[:count]
         self._traced["custom_index_and_mask"][worlds, :count] += first_rows
         self._written[records] = records.record_revision
 
-    def _write_override(self, instance: Instance, own: Override) -> None:
+    def _write_override(self, instance: Instance, own: InstanceOverride) -> None:
         records = self._binder.records
         row = records.instance_rows[instance]
         place = records.traced.place(row)
@@ -367,10 +302,11 @@ class Worlds:
             self._instances["material"][:, row] = own.materials
             self._traced["sbt_offset_and_flags"][:, place] = own.flags
         if own.masks is not None:
+            # The mask stands above the index in the same number.
             index = self._traced["custom_index_and_mask"][:, place] & ROW_MASK
             self._traced["custom_index_and_mask"][:, place] = index | own.masks
 
-    def _build(self, differing: Mapping[Instance, Override], moved: Iterable[Instance]) -> None:
+    def _build(self, differing: Mapping[Instance, InstanceOverride], moved: Iterable[Instance]) -> None:
         """Build the structures, after the device has written the transforms of moved instances that it has itself."""
         for instance in moved:
             transforms = differing[instance].transforms

@@ -130,7 +130,7 @@ def main() -> None:
     warnings.simplefilter("ignore", UserWarning)
     # The scene has the features of all kinds from the start, so that pipelines are compiled once.
     features = frozenset.union(*(features_of(kind, folder / f"{kind} as it should be") for kind in kinds))
-    Features.note = lambda self, item: setattr(self, "constants", features)  # type: ignore[method-assign]
+    Features.add_of = lambda self, item: setattr(self, "constants", features)  # type: ignore[method-assign]
     with sv.Device(validation=True) as device:
         stage = Stage(device)
         counts = {kind: fuzz(kind, folder / kind, count, seed, stage) for kind in kinds}
