@@ -77,6 +77,7 @@ class Assets:
         scenes together. user: as of `SceneBinder.update`."""
         for scene in scenes:
             scene.apply_changes()
+        # Materials name rows of textures, and instances those of meshes and materials, which must be up to date before.
         users = self.geometry.update(revision)
         self.geometry.posed.show(user)
         replaced = self.textures.update()
@@ -95,6 +96,7 @@ class Assets:
         """Upload what has changed in tables; returns how many have other buffers now."""
         changed = [table for table in tables if table.marked]
         replaced = sum(table.replace() for table in changed)
+        # Rows that are uploaded lack what tensors gave, and get it after the upload.
         materials = set(self.materials.table.marked)
         upload(self._device, changed)
         self.materials.write_tensors(materials)

@@ -61,7 +61,7 @@ class SceneBinder:
         self.worlds = [each[one] for one in scenes]
         """The records of each world's scene."""
         self._tables = self._device_tables()
-        self._previous_users: set[object] = set()
+        self._previous_users: set[object] = set()  # renderers that need `previous_tlas`
         self._up_to_date = weakref.WeakSet[Any]()  # who has used the scene since its latest change
         self._is_current = False  # whether the device has all changes as of the latest `update`
         self._counted_features: frozenset[str] = frozenset()  # that `version` knows of
@@ -161,6 +161,7 @@ class SceneBinder:
 
     def mark_changed(self, changed: Observable) -> None:
         """Tell the scenes that use an asset that it was edited; or have shaders with the lens of a camera."""
+        # An asset of one scene may also be used by worlds of a batch alone, so that no instance of the scene has it.
         if not self.has_many_scenes or isinstance(changed, Camera):
             self.records.mark_changed(changed)
             return
@@ -252,6 +253,7 @@ class SceneBinder:
         else:
             for records in self._scenes:
                 records.write_for_worlds()
+        # Poses read the uploaded tables, and the TLAS is built over the structures that poses refit.
         self.version += self.assets.upload(self._tables)
         self.assets.geometry.posed.submit()
         if self.tlas is not None:

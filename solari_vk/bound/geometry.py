@@ -72,7 +72,8 @@ class Geometry:
         """An instance's mesh in its pose, or the mesh if it has none. The pose is that of the instance now."""
         if not instance.posed or mesh.deformation is None:
             return mesh
-        pose = instance.joint_matrices, instance.morph_weights  # which the mesh may no longer fit
+        # The mesh may have been edited since the pose was assigned, and no longer fit it.
+        pose = instance.joint_matrices, instance.morph_weights
         mesh.deformation.check(len(mesh.positions), *pose, instance.describe())
         shape = self._shapes.setdefault((mesh, instance), PosedMesh(mesh, instance))
         self.posed.follow_instance(shape)
@@ -187,7 +188,8 @@ class Geometry:
                     geometries[mesh] = self._upload(mesh, uploads, revision)
                     if self._uploaded[mesh]["positions"] is not before:
                         self._moved.add(mesh)
-        except BaseException:  # nothing that was staged is on the device
+        # Nothing that was staged is on the device.
+        except BaseException:
             for mesh in geometries:
                 del self._uploaded[mesh]
             raise
@@ -251,6 +253,7 @@ class Geometry:
         self.half_sizes[mesh] = self.half_sizes[equal]
         records = self.table.records
         records[self.rows[mesh]] = records[self.rows[equal]]
+        # The other mesh may have moved, this one is new.
         records["previous_positions"][self.rows[mesh]] = records["positions"][self.rows[mesh]]
 
     def _upload_new(self, mesh: Mesh, content: Hashable, uploads: Uploads, revision: int) -> None:
@@ -308,6 +311,7 @@ class Geometry:
             if not is_last_user:  # an equal mesh goes on to use it
                 before = copy_of_positions(self._device, before, mesh._stored("positions").shape[0])
             self.posed.edit(mesh, self.rows[mesh], before, buffer.address, revision)
+            # Shaders read previous positions of vertices only with this feature.
             self._features.add("SCENE_POSES")
             return
         self.posed.forget(mesh)

@@ -20,7 +20,8 @@ from solari_vk.gpu.device.buffer import Buffer
 from solari_vk.gpu.device.device import Device
 from solari_vk.scene.model import Mesh
 
-ADDRESSES = ("positions", "triangles", "attributes", "second_uvs", "colors")  # in a mesh's record, into its buffer
+# The fields of a mesh's record that are addresses in its buffer, in the order of memory.
+ADDRESSES = ("positions", "triangles", "attributes", "second_uvs", "colors")
 
 
 def pack_attributes(mesh: Mesh, layout: np.dtype[Any]) -> tuple[int, NDArray[Any] | None]:
@@ -49,6 +50,7 @@ def mesh_parts(mesh: Mesh, triangles: NDArray[np.uint32], layout: np.dtype[Any])
         parts["second_uvs"] = mesh.second_uvs
         flags |= MESH_HAS_SECOND_UVS
     if mesh.colors is not None:
+        # Colors without alpha are opaque.
         parts["colors"] = np.ones((len(mesh.positions), 4), np.float32)
         parts["colors"][:, : mesh.colors.shape[1]] = mesh.colors
         flags |= MESH_HAS_COLORS

@@ -38,6 +38,7 @@ class MeshStructures:
             made = {build: Blas(self._device, [traced[mesh]], name=mesh.name or "mesh") for build, mesh in new.items()}
             build_blases(self._device, list(made.values()))
         self._built |= made
+        # Acquired before the earlier ones are dropped, which may be the same.
         for mesh, build in builds.items():
             self._builds.acquire(build, mesh)
             self._drop_build(mesh)

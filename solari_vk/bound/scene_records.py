@@ -93,6 +93,7 @@ class SceneRecords:
         self._applied, self._changed = self._changed, {}
         for item in self._applied:
             self._apply_change(item)
+        # Alpha depends on textures and meshes too, so that all of them must be applied before.
         self._add_alpha_features()
 
     def write(self, users: Iterable[Instance]) -> None:
@@ -102,6 +103,7 @@ class SceneRecords:
         if self.revision and not (self._applied or self._to_write):
             return
         self.revision += 1
+        # Edits of colors change no record of an instance: worlds then need not copy the records again.
         self.record_revision += self._records_change or bool(self._to_write)
         self._records_change = False
         self._update_instances()
@@ -294,6 +296,7 @@ class SceneRecords:
 
     def _update_instances(self) -> None:
         self.instance_table.reserve(self.instance_rows.limit)
+        # Emitters first, since an instance's record has its index among the lights, and removing one moves another.
         for instance in list(self._to_write):
             emits = instance.visible and instance.material in self._assets.materials.emitting
             if emits or self.lights.index(instance) is not None:

@@ -39,7 +39,7 @@ class HostTable:
         self._size = dtype.itemsize
         self.name = name
         self.revision = 0
-        """Increases when rows are written; of tables on the host alone."""
+        """Increases when rows are written, so that readers see changes; of tables on the host alone."""
         self._set_records(np.zeros(16, dtype))
 
     def _set_records(self, records: NDArray[Any]) -> None:
@@ -53,6 +53,7 @@ class HostTable:
 
     def reserve(self, rows: int) -> None:
         """Make room for `rows` rows."""
+        # Twice as many rows as before, so that n rows added one by one are copied less than 2 n times.
         if rows > len(self.records):
             grown = np.zeros(max(rows, self._doubled()), self.records.dtype)
             grown[: len(self.records)] = self.records
@@ -163,6 +164,7 @@ def upload(device: Device, tables: Sequence[Table]) -> None:
     # While no work in progress reads the tables, the host may write where the device reads.
     if device.idle:
         tables = [table for table in tables if not table.write()]
+    # Large changes go through staging memory, small ones into the commands themselves.
     if sum(table.marked_bytes for table in tables) > _MOST_INLINE:
         with device.uploads() as uploads:
             for table in tables:
@@ -170,6 +172,7 @@ def upload(device: Device, tables: Sequence[Table]) -> None:
     elif tables:
 
         def record(cmd: raw.CData) -> None:
+            # Frames that are in flight must have read the rows before they are overwritten.
             device.vk.vkCmdPipelineBarrier2(cmd, full_barrier())
             for table in tables:
                 table.record(cmd)
@@ -183,6 +186,7 @@ class Rows(dict[Key, int]):
 
     def __init__(self) -> None:
         super().__init__()
+        # How often each user uses an object: an instance may have a mesh as its mesh and as its ray mesh.
         self._users: dict[Key, dict[Hashable, int]] = {}
         self._free: list[int] = []
         self.limit = 0

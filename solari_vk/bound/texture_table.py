@@ -97,6 +97,7 @@ class TextureTable:
         if not self._to_link and not self._to_upload and not self._replaced:
             return False
         self.table.reserve(self.rows.limit)
+        # Links first: they tell which images are new.
         for key in self._to_link:
             self._link(key)
         with self._device.uploads() as uploads:
@@ -129,6 +130,7 @@ class TextureTable:
         if self._image_users.acquire((texture.image, srgb), key):
             texture.image.watch(self._watcher)
             self._to_upload[texture.image, srgb] = None
+        # Acquired before the earlier one is released, so that an image which both have stays.
         self._descriptors.acquire(descriptor, key)
         self._unlink(key)
         self._linked[key] = descriptor

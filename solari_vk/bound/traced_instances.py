@@ -55,7 +55,7 @@ class TracedRecords:
         self._mesh_boxes: dict[int, Box] = {}
         self._end = 0  # number of records, including those of removed rows
         self._sorted = True
-        self._moved = 0
+        self._moved = 0  # records that were written since the last sorting
 
     def write(
         self,
@@ -95,6 +95,7 @@ class TracedRecords:
         """The centers and half the sizes, both (N, 3), of the bounds of instances in world space."""
         transforms = self.table.records["transform"][[self._indices[row] for row in rows.tolist()]].astype(np.float64)
         boxes = np.array([self._mesh_boxes[row] for row in rows.tolist()])
+        # The box around a turned box: Arvo, "Transforming Axis-Aligned Bounding Boxes" (1990).
         turns = transforms[:, :, :3]
         centers = np.einsum("nij,nj->ni", turns, boxes[:, 0]) + transforms[:, :, 3]
         return centers, np.einsum("nij,nj->ni", np.abs(turns), boxes[:, 1])
@@ -112,6 +113,7 @@ class TracedRecords:
         """Restore the spatial order; returns whether that was needed."""
         if self._sorted and self._moved <= max(self.count // 2, FEW):
             return False
+        # By rows first, so that the order doesn't depend on the order of edits.
         rows = np.sort(self._rows())
         if len(rows):
             centers, half_sizes = self._boxes(rows)

@@ -28,12 +28,15 @@ class TriangleOrders:
         """Apply the binder's latest update; returns whether the buffers are other ones now."""
         if self._orders is not None and self._seen == self._binder.revision:
             return False
-        self._seen, orders = self._binder.revision, self._binder.triangle_orders
+        self._seen = self._binder.revision
+        orders = self._binder.triangle_orders
+        # A mesh that was uploaded again has another array.
         known = self._orders
         if known is not None and orders.keys() == known.keys() and all(orders[row] is known[row] for row in orders):
             return False
         starts = np.zeros(max(orders, default=0) + 1, np.uint32)
-        distinct = {id(order): order for order in orders.values()}  # equal meshes have one order
+        # Equal meshes share an order, which stands in the buffer once.
+        distinct = {id(order): order for order in orders.values()}
         begins = dict(zip(distinct, np.cumsum([0, *map(len, distinct.values())]).tolist(), strict=False))
         starts[list(orders)] = [begins[id(order)] for order in orders.values()]
         numbers = np.concatenate([np.zeros(0, np.int64), *distinct.values()]).astype(np.uint32)

@@ -60,6 +60,7 @@ class Emissions:
         self._emissions: dict[Key, Emission] = {}
         self._users: Rows[Key] = Rows()
         self._key_of: dict[Instance, Key] = {}
+        # Sums over an image take time and memory: emissions that are made in the same update share them.
         self._sums: dict[TextureImage, Sums] = {}
 
     def acquire(self, instance: Instance, order: NDArray[np.int64]) -> Emission:
@@ -68,6 +69,7 @@ class Emissions:
         texture = instance.material.emissive_texture
         key = mesh, texture
         if self._key_of.get(instance) != key:
+            # Acquired before the other one is released, so that what both share stays.
             self._users.acquire(key, instance)
             self.release(instance)
             self._key_of[instance] = key
@@ -103,6 +105,7 @@ class Emissions:
             emission.choices.destroy()
 
     def _make(self, mesh: Mesh, texture: Texture | None, order: NDArray[np.int64]) -> Emission:
+        # In the order of upload, in which clusters are runs of neighbors.
         triangles = mesh.triangles[order]
         a, b, c = (mesh.positions[corner].astype(np.float64) for corner in triangles.T)
         areas = np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2
@@ -111,12 +114,13 @@ class Emissions:
         if texture is not None and area > 0:
             if texture.image not in self._sums:
                 self._sums[texture.image] = luminance_sums(texture.image)
-            found = mean_luminances(mesh, triangles, texture, self._sums[texture.image])
-            bright = float(areas @ found)
-            weights = areas * np.maximum(found, MIN_LUMINANCE * bright / area)
-            area = bright
+            luminances = mean_luminances(mesh, triangles, texture, self._sums[texture.image])
+            bright_area = float(areas @ luminances)
+            weights = areas * np.maximum(luminances, MIN_LUMINANCE * bright_area / area)
+            area = bright_area
         joint_areas = _areas_by_joint(mesh, triangles, weights)
-        if mesh.deformation is not None:  # which may enlarge triangles that are tiny in the rest pose
+        # A pose may enlarge triangles that are tiny in the rest pose.
+        if mesh.deformation is not None:
             weights = np.maximum(weights, MIN_LUMINANCE * weights.mean())
         clusters = Clusters(mesh, triangles, areas, weights)
         choices = None
@@ -146,6 +150,7 @@ def _areas_by_joint(
     deformation = mesh.deformation
     if deformation is None or deformation.joints is None or deformation.joint_weights is None:
         return None
+    # A vertex has a third of each of its triangles, and its joints share that by their weights.
     corners = np.bincount(triangles.reshape(-1), np.repeat(areas / 3, 3), len(mesh.positions))
     count = deformation.joint_count
     shares = deformation.joint_weights * corners[:, None]

@@ -14,7 +14,8 @@ from solari_vk.gpu.device.device import Device
 from solari_vk.scene.checks import FloatArray
 from solari_vk.scene.lights.environment import luminances
 
-_LARGEST_EXPONENT = 14  # the brightest texel lies between 2^14 and 2^15, where rgb9e5 ends at 65408
+# The brightest texel lies between 2^14 and 2^15; rgb9e5 ends at 65408.
+_LARGEST_EXPONENT = 14
 
 
 class EnvironmentBuffers:
@@ -27,6 +28,7 @@ class EnvironmentBuffers:
         height, width = image.shape[:2]
         codes, scale = encode_texels(image)
         table = alias_table(texel_weights(image).ravel(), row)
+        # What was made is freed if the rest can't be made.
         with ExitStack() as unless_made:
             self._texels = device.buffer(codes.nbytes, "environment texels")
             unless_made.callback(self._texels.destroy)
@@ -60,6 +62,8 @@ def texel_means(image: FloatArray) -> NDArray[np.float64]:
     Luminance is interpolated between texels, so a texel has some wherever one of its neighbors has.
     """
     luminance = luminances(image)
+    # Linear interpolation gives a texel 3/4 of its own luminance on average, and an eighth of that of each neighbor.
+    # Columns go round the horizon, rows end at the poles.
     sides = np.roll(luminance, 1, axis=1) + np.roll(luminance, -1, axis=1)
     blurred = 0.75 * luminance + 0.125 * sides
     padded = np.concatenate([blurred[:1], blurred, blurred[-1:]])

@@ -12,8 +12,10 @@ from solari_vk.bound.constants import NO_INDEX
 from solari_vk.gpu.device.buffer import Buffer
 from solari_vk.gpu.device.device import Device
 
-CHANGE_DECAY = 0.9  # the factor of IndexTranslation.change per frame
-MIN_CHANGE = 1 / 64  # a smaller change counts as none
+# The factor of `IndexTranslation.change` per frame.
+CHANGE_DECAY = 0.9
+# A smaller change counts as none.
+MIN_CHANGE = 1 / 64
 NAMES = ("light_translation", "previous_light")
 
 Ids = NDArray[np.uint32]
@@ -28,6 +30,7 @@ def translate(ids: Ids, others: Ids) -> Ids:
     if not len(others):
         return np.full(len(ids), NO_INDEX, np.uint32)
     order = np.argsort(others)
+    # An id that isn't there is found beside another one, which the comparison below tells.
     indices = order[np.searchsorted(others, ids, sorter=order).clip(max=len(others) - 1)]
     return np.where(others[indices] == ids, indices, NO_INDEX).astype(np.uint32)
 
@@ -57,7 +60,9 @@ def share_moved(
     if old_ids is not ids:
         rows = translate(ids, old_ids)
         stayed = rows != NO_INDEX
-        old_positions, positions, powers = old_positions[rows[stayed]], positions[stayed], powers[stayed]
+        old_positions = old_positions[rows[stayed]]
+        positions = positions[stayed]
+        powers = powers[stayed]
     distances = np.linalg.norm(positions - old_positions, axis=1)
     return float(powers @ np.minimum(distances / cell_size, 1.0) / total)
 
@@ -101,8 +106,10 @@ class IndexTranslation:
         """
         moves = positions is not self._positions
         self._follow_change(ids, powers, positions, cell_size)
+        # In most frames the lights are those of the frame before, and the buffers say so already.
         if ids is self._ids and self._is_identity and not moves and not self._replaced:
             return False
+        # Both buffers have room for both lists, whichever is longer.
         self._reserve(max(len(ids), len(self._ids)))
         current = translate(self._ids, ids)
         previous = unmoved(ids, positions, self._ids, self._positions)

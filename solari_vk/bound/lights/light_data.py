@@ -68,7 +68,8 @@ class LightData(dict[Light, EnvironmentBuffers | ProfileBuffer]):
         key = data if isinstance(data, LightProfile) else content_of(data)
         if key not in shared.made:
             shared.made[key] = self._make(data)
-        shared.users.acquire(key, (id(self), light))  # before the same may be freed
+        # Acquired before the other data are dropped, which may be equal.
+        shared.users.acquire(key, (id(self), light))
         self._drop(light)
         self[light] = shared.made[key]
         self._data[light] = data, key

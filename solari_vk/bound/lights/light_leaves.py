@@ -70,6 +70,7 @@ class LightLeaves:
     def choose(self, weights: Floats) -> None:
         """Write how often leaves are chosen by power. weights (N,): how often lights are."""
         records = self.table.records[: self.count]
+        # A cluster gets its share of how often its light is chosen.
         records["by_power"] = alias_table(weights[self._lights] * self._shares, records["by_power"].dtype)
         self.table.mark(range(self.count))
 
@@ -78,6 +79,7 @@ class LightLeaves:
 
         ids, bounds, powers: as those of `LightTree`. boxes: those of the clusters of lights that have moved.
         """
+        # The leaves of lights at infinity are the last ones, and not in the tree.
         count = int(self.firsts[len(ids)]) if len(ids) < len(self.firsts) else self.count
         lights, whole = self._lights[:count], self._whole[: np.searchsorted(self._whole, count)]
         self._bounds[whole] = bounds[self._lights[whole]]
@@ -93,12 +95,14 @@ class LightLeaves:
         records = self.table.records[: self.count]
         records["node"] = NO_INDEX
         records["node"][:in_tree] = self.light_tree.leaves[:in_tree]
+        # A refitted tree has the same leaves, and of its nodes only those that changed are uploaded.
         if self.light_tree.leaves is not before:
             self.table.mark(range(self.count))
         if 0 < in_tree == self.count:
             return 1.0
         chosen = float(records["by_power"]["probability"][:in_tree].sum(dtype=np.float64))
-        return min(chosen, 1.0 - 2.0**-24)  # the float32 below 1, so that the lights at infinity are chosen too
+        # At most the float32 below 1, so that the lights at infinity are chosen too.
+        return min(chosen, 1.0 - 2.0**-24)
 
 
 def choice_weights(powers: NDArray[np.float64]) -> NDArray[np.float64]:
