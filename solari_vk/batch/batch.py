@@ -270,7 +270,7 @@ class Batch(BatchResults):
         options = {"fov": fov, "vertical_fov": vertical_fov, "K": K, "near": near, "ev100": ev100}
         shown = cameras_of(frames, self.views, cameras, self.binder.tensors)
         read = [self._read(of_frame, options) for of_frame in shown]
-        numbers = [self._checked_seeds(given) for given in seeds_of(frames, self.views, seeds)]
+        numbers = [self._checked_seeds(of_frame) for of_frame in seeds_of(frames, self.views, seeds)]
         cuts = cuts_of(frames, self.views, reset)
         self._prepare_many(frames)
         with self.device.gathered():
@@ -343,7 +343,7 @@ class Batch(BatchResults):
             return self._seeds
         if self._paths is None and self._realtime is None:
             raise SolariError("Batch.render: labels have no seeds: make the batch with renderer='reference'")
-        given = view_cameras.array(seeds, "seeds", (self.views,))
-        whole = (given == np.floor(given)) & (given >= 0) & (given < 2**32)
+        numbers = view_cameras.array(seeds, "seeds", (self.views,))
+        whole = (numbers == np.floor(numbers)) & (numbers >= 0) & (numbers < 2**32)
         view_cameras.check_all(whole, "be a whole number from 0 to 2^32 - 1", "the seed")
-        return given.astype(np.uint32)
+        return numbers.astype(np.uint32)

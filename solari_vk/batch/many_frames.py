@@ -211,5 +211,5 @@ def seeds_of(frames: int, views: int, seeds: Any) -> Sequence[Any]:
     """The seeds of each frame, None for those that the batch has."""
     if seeds is None:
         return [None] * frames
-    given = view_cameras.array(seeds, "seeds", (views,), (frames, views), where=WHERE)
-    return list(np.broadcast_to(given, (frames, views)))
+    numbers = view_cameras.array(seeds, "seeds", (views,), (frames, views), where=WHERE)
+    return list(np.broadcast_to(numbers, (frames, views)))

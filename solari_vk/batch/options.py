@@ -1,4 +1,4 @@
-"""What `Batch` is given: its options and results by renderer, and checks."""
+"""The arguments of `Batch`: its options and results by renderer, and checks."""
 
 from __future__ import annotations
 
@@ -53,21 +53,21 @@ def checked_names(renderer: Any, outputs: Any, options: Iterable[str]) -> tuple[
         if name not in OPTIONS[renderer]:
             known = ["renderer", "outputs", "worlds", *OPTIONS[renderer]]
             raise unknown_name(f"Batch with renderer='{renderer}' has no option", name, known)
-    given = checked_results(outputs, passes.OUTPUTS, "Batch", "output")
-    if renderer == "labels" and not given:
+    labels = checked_results(outputs, passes.OUTPUTS, "Batch", "output")
+    if renderer == "labels" and not labels:
         raise SolariError(f"Batch: outputs names nothing: give some of {', '.join(passes.OUTPUTS)}")
-    return given
+    return labels
 
 
 def checked_results(outputs: Any, known: Sequence[str], where: str, what: str) -> tuple[str, ...]:
     """Names of some results, each once; raises SolariError for those that aren't known."""
     if not isinstance(outputs, (str, Sequence)):
         raise SolariError(f"{where}: outputs is a list of names, not {quoted(outputs)}")
-    given = [outputs] if isinstance(outputs, str) else list(outputs)
-    for name in given:
+    names = [outputs] if isinstance(outputs, str) else list(outputs)
+    for name in names:
         if name not in known:
             raise unknown_name(f"{where}: there is no {what}", name, known)
-    return tuple(dict.fromkeys(given))
+    return tuple(dict.fromkeys(names))
 
 
 def checked_scenes(scene: Any, worlds: Any) -> list[Scene] | None:

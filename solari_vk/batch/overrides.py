@@ -148,9 +148,9 @@ class TransformOverrides(Overrides[Instance, NDArray[np.float64]]):
     object. Instances without have the scene's in all worlds.
 
     Assign numpy arrays, or tensors; for a list of K instances (worlds, K, 4, 4). Tensors of a GPU stay on it, but those
-    of lamps, which the host's lists of lights depend on. What is wrong with such a tensor is said by a later `render`,
-    and isn't shown. Raises SolariError for an instance that the scene doesn't have, and for transforms that
-    `Instance.transform` doesn't take.
+    of instances that emit light, on which the host's lists of lights depend. What is wrong with such a tensor is said
+    by a later `render`, and isn't shown. Raises SolariError for an instance that the scene doesn't have, and for
+    transforms that `Instance.transform` doesn't take.
     """
 
     where = "Batch.transforms"
@@ -184,14 +184,14 @@ class TransformOverrides(Overrides[Instance, NDArray[np.float64]]):
         tensor = values if isinstance(values, DeviceTensor) else self.accept_tensor(values, what, shape)
         return tensor or self._on_host(item, array(values, what, shape, where=self.where))
 
-    def _on_host(self, item: Instance, given: NDArray[np.float64]) -> NDArray[np.float64]:
+    def _on_host(self, item: Instance, transforms: NDArray[np.float64]) -> NDArray[np.float64]:
         names = item.describe(), self.where, "world"
-        check_all(np.isfinite(given), "be finite", *names)
-        check_transforms(given, *names)
-        return np.array(given)
+        check_all(np.isfinite(transforms), "be finite", *names)
+        check_transforms(transforms, *names)
+        return np.array(transforms)
 
     def on_host(self, items: Iterable[Instance]) -> dict[Instance, NDArray[np.float64]]:
-        """What was given of these, from now on in the host's memory also if it was a tensor's, which waits for it."""
+        """The transforms of these, from now on in the host's memory; waits for those of tensors."""
         found = {}
         for item in self._values.keys() & set(items):
             values = self._values[item]
@@ -277,7 +277,7 @@ class LightOverrides(Overrides[Light, list[Light | None]]):
         self.changed.add(changed)
 
     def edits_of(self, light: Light | None) -> int:
-        """How often a light was edited since it was first given."""
+        """How often a light was edited since it was first assigned."""
         return 0 if light is None else self._edits.get(light, 0)
 
     def replace(self, item: Light, values: list[Light | None] | None) -> None:

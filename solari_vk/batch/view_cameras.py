@@ -80,21 +80,21 @@ def check_all(right: NDArray[np.bool_], rule: str, what: str, where: str = "Batc
 
 
 def check_transforms(
-    given: Floats, what: str = "the pose", where: str = "Batch.render", of: str = "view"
+    matrices: Floats, what: str = "the pose", where: str = "Batch.render", of: str = "view"
 ) -> tuple[Floats, Floats, Floats, Floats]:
     """Raise SolariError unless all finite matrices (N, 4, 4) are affine and invertible: the rules of
     `Camera.transform`. Returns their axes with a length of 1, by rows (3, 3, N), the origins (3, N), the cross products
     of the axes, of which (3, i, N) is that of the two that follow axis i, and the volumes between the axes (N,)."""
     names = what, where, of
     # Each number of all matrices side by side, so that numpy works on long rows.
-    rows = np.array(given.transpose(1, 2, 0), order="C")
+    rows = np.array(matrices.transpose(1, 2, 0), order="C")
     # The quick checks of all come first; what a message says of the wrong ones is computed where there are some.
     if not (rows[3] == _LAST_ROW).all():
         check_all((rows[3] == _LAST_ROW).T, "be affine, with the last row 0 0 0 1", *names)
     if rows.max() > checks.LARGEST_TRANSFORM or rows.min() < -checks.LARGEST_TRANSFORM:
-        check_all(np.abs(given) <= checks.LARGEST_TRANSFORM, f"lie within {checks.LARGEST_TRANSFORM:g}", *names)
+        check_all(np.abs(matrices) <= checks.LARGEST_TRANSFORM, f"lie within {checks.LARGEST_TRANSFORM:g}", *names)
     # The first two rows and columns follow again, so that a cross product is a difference of products of blocks.
-    axes = np.empty((5, 5, len(given)))
+    axes = np.empty((5, 5, len(matrices)))
     squares = rows[:3, :3] * rows[:3, :3]
     lengths = np.sqrt(squares[0] + squares[1] + squares[2])
     lengths[lengths == 0] = np.inf  # which leaves no volume

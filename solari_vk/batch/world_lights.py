@@ -223,9 +223,10 @@ class OverriddenLights:
         """Make the lists of all worlds, with the scene's edits applied; returns the key of each world's list, or None
         if all worlds have the scene's lights."""
         materials = overrides.materials.current()
-        given = overrides.lights.current()
+        moved = overrides.transforms.current()
+        lights_of = overrides.lights.current()
         emitting = self._emitting(materials)
-        if not given and not any(instance in overrides.transforms or instance in materials for instance in emitting):
+        if not lights_of and not any(instance in moved or instance in materials for instance in emitting):
             self.clear()
             return None
         self._check_portals()
@@ -236,7 +237,7 @@ class OverriddenLights:
         lists: dict[Any, SharedList] = {}
         shown = []
         for world in range(self._count):
-            lights = _lights_in(world, scene_lights, given)
+            lights = _lights_in(world, scene_lights, lights_of)
             emitters = _emitters_in(world, emitting, materials, transforms)
             key = self._key(lights, emitters, overrides, poses)
             if key not in lists:

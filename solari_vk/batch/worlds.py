@@ -238,7 +238,10 @@ class Worlds:
     def _layout_of(self, differing: Mapping[Instance, InstanceOverride]) -> Any:
         """What the arrays of records depend on: their shape, and which fields each world has of its own. While it stays
         the same, a field that was overwritten is overwritten again."""
-        overwritten = [(instance, own.transforms is None, own.materials is None) for instance, own in differing.items()]
+        overwritten = [
+            (instance, override.transforms is None, override.materials is None)
+            for instance, override in differing.items()
+        ]
         most = max(records.traced.count for records in self._worlds_of)
         return self.rows, most, self._lights.light_index is None, (*overwritten,)
 
@@ -250,8 +253,8 @@ class Worlds:
         for records, worlds in self._worlds_of.items():
             if self._written.get(records) != records.record_revision:
                 self._copy_scene(records, worlds)
-        for instance, own in differing.items():
-            self._write_override(instance, own)
+        for instance, override in differing.items():
+            self._write_override(instance, override)
         if self._lights.light_index is not None:
             self._instances["light_index"] = self._lights.light_index
         self._upload("instances", self._instances)
@@ -291,20 +294,20 @@ class Worlds:
         self._traced["custom_index_and_mask"][worlds, :count] += first_rows
         self._written[records] = records.record_revision
 
-    def _write_override(self, instance: Instance, own: InstanceOverride) -> None:
+    def _write_override(self, instance: Instance, override: InstanceOverride) -> None:
         records = self._binder.records
         row = records.instance_rows[instance]
         place = records.traced.place(row)
-        if own.transforms is not None and not isinstance(own.transforms, DeviceTensor):
-            self._instances["world_from_object"][:, row] = own.transforms[:, :3].transpose(0, 2, 1)
-            self._traced["transform"][:, place] = own.transforms[:, :3]
-        if own.materials is not None:
-            self._instances["material"][:, row] = own.materials
-            self._traced["sbt_offset_and_flags"][:, place] = own.flags
-        if own.masks is not None:
+        if override.transforms is not None and not isinstance(override.transforms, DeviceTensor):
+            self._instances["world_from_object"][:, row] = override.transforms[:, :3].transpose(0, 2, 1)
+            self._traced["transform"][:, place] = override.transforms[:, :3]
+        if override.materials is not None:
+            self._instances["material"][:, row] = override.materials
+            self._traced["sbt_offset_and_flags"][:, place] = override.flags
+        if override.masks is not None:
             # The mask stands above the index in the same number.
             index = self._traced["custom_index_and_mask"][:, place] & ROW_MASK
-            self._traced["custom_index_and_mask"][:, place] = index | own.masks
+            self._traced["custom_index_and_mask"][:, place] = index | override.masks
 
     def _build(self, differing: Mapping[Instance, InstanceOverride], moved: Iterable[Instance]) -> None:
         """Build the structures, after the device has written the transforms of moved instances that it has itself."""
