@@ -183,7 +183,7 @@ class Worlds:
         if has_new_surfaces:
             self._overridden_instances.follow_materials(overrides)
         self._binder.records.blended_changes += any(map(self._overridden_instances.is_blended, moved))
-        has_new_lights = has_new_surfaces or bool(overrides.lights.changed) or any(map(self._is_emitter, moved))
+        has_new_lights = has_new_surfaces or self._may_change_lights(overrides)
         if has_new_lights:
             self._follow_lights(overrides, must_upload=is_new)
         blockers = self._overridden_instances.blockers(overrides)
@@ -205,9 +205,13 @@ class Worlds:
         transforms = [differing.get(instance, InstanceOverride()).transforms for instance in moved]
         return all(isinstance(values, DeviceTensor) for values in transforms)
 
-    def _is_emitter(self, instance: Instance) -> bool:
-        """Whether an instance emits light in the scene, or in some world as of the latest update."""
-        return self._binder.lights.index(instance) is not None or instance in self._overridden_lights.emitting
+    def _may_change_lights(self, overrides: WorldOverrides) -> bool:
+        """Whether lights have changed, or instances have moved that emit light in the scene or in some world."""
+        if overrides.lights.changed:
+            return True
+        emitting = self._overridden_lights.emitting
+        scene_lights = self._binder.lights
+        return any(one in emitting or scene_lights.index(one) is not None for one in overrides.transforms.changed)
 
     # ---- lights -------------------------------------------------------------------------------------
 

@@ -107,6 +107,7 @@ class PortalMaps(dict[Light, dict[str, Any]]):
         """Make the maps of these portals under these environments; returns the portals whose map is another now."""
         lit = [light for light in environments if light.emits and portals]
         luminances = {id(light.image): self._luminance_of(light) for light in lit}
+        lights = [(light, luminances[id(light.image)][1]) for light in lit]
         self._luminances |= luminances  # also where a map below can't be made
         light_key = _light_key(lit)
         keys: dict[Portal, Any] = {}
@@ -114,16 +115,19 @@ class PortalMaps(dict[Light, dict[str, Any]]):
             axes = directions_of(portal)
             key = light_key, np.round(axes, 5).tobytes()
             if lit and key not in self._maps:
-                self._maps[key] = self._make([(light, luminances[id(light.image)][1]) for light in lit], axes)
+                self._maps[key] = self._make(lights, axes)
             keys[portal] = key
-        for key in self._maps.keys() - set(keys.values()):
-            self._maps.pop(key).destroy()
+        self._free_others(set(keys.values()))
         self._luminances = luminances
         before = dict(self)
         self.clear()
         for portal in portals:
             self[portal] = self._record(self._maps[keys[portal]]) if lit else NO_MAP
         return [portal for portal in portals if self[portal] != before.get(portal)]
+
+    def _free_others(self, used: set[Any]) -> None:
+        for key in self._maps.keys() - used:
+            self._maps.pop(key).destroy()
 
     def _luminance_of(self, light: EnvironmentLight) -> tuple[Any, Floats]:
         return self._luminances.get(id(light.image)) or (light.image, _luminance(light.image))
