@@ -13,7 +13,7 @@
 // film; SCENE_TRANSMISSION: glass or diffuse transmission; SCENE_BLEND: alpha mode "blend", or smooth thin-walled
 // glass; SCENE_ALPHA: that, or alpha mode "mask". MATERIAL_SOLID: the surface bounds a solid, which light may enter
 // and which absorbs it. MATERIAL_WALL: thin-walled glass, smooth at least in places.
-#include "generated/bound/constants.glsl"  // NO_INDEX, struct Material; flags MESH_*, MATERIAL_*, WITHOUT_*; masks of rays
+#include "generated/bound/constants.glsl"  // NO_INDEX, struct Material, MESH_*, MATERIAL_*, WITHOUT_*, masks of rays
 #include "generated/bound/features.glsl"  // SCENE_*
 #ifdef MANY_VIEWS
 #include "scene/camera_block.glsl"
