@@ -273,6 +273,7 @@ class Batch(BatchResults):
         numbers = [self._checked_seeds(of_frame) for of_frame in seeds_of(frames, self.views, seeds)]
         cuts = cuts_of(frames, self.views, reset)
         self._prepare_many(frames)
+        # The device gets the commands of all frames in one submission.
         with self.device.gathered():
             for index in range(frames):
                 for instance, values in moves[index]:
@@ -303,6 +304,7 @@ class Batch(BatchResults):
     ) -> None:
         """Give the cameras to the frame of labels and to the path tracer."""
         table = self._table
+        # In most frames only poses change, which `show` uploads.
         if table.must_write((cameras.records, seeds), self._worlds.assignment_key):
             table.write_cameras(cameras)
             table.records["frame"]["seed"] = seeds
@@ -312,6 +314,7 @@ class Batch(BatchResults):
     def _render_labels(self, frame: SceneFrame) -> None:
         frame.apply_edits()
         self._bindings.show(frame)
+        # The device has triangles in another order than the user, whose numbers `primitive` tells.
         if self._orders.update():
             frame.bind(self._orders.buffers)
         capacity = self._worlds.rows
@@ -343,6 +346,7 @@ class Batch(BatchResults):
             return self._seeds
         if self._paths is None and self._realtime is None:
             raise SolariError("Batch.render: labels have no seeds: make the batch with renderer='reference'")
+        # Doubles hold all whole numbers of 32 bits.
         numbers = view_cameras.array(seeds, "seeds", (self.views,))
         whole = (numbers == np.floor(numbers)) & (numbers >= 0) & (numbers < 2**32)
         view_cameras.check_all(whole, "be a whole number from 0 to 2^32 - 1", "the seed")

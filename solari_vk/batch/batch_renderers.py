@@ -103,6 +103,7 @@ class BatchRenderer(Renderer):
         self._shifts = np.zeros((2, 2, count))  # their jitter and principal_shift, as x and y in rendered pixels
         self._jitter_begins = np.zeros(count, np.int64)  # where each view begins in the sequence of jitter
         self._blended_before = np.zeros(1, np.int64)
+        # Made before the frame that reads them, and freed here if that can't be made: `_owned` doesn't exist yet.
         owned: list[ViewTable | Buffer] = []
         try:
             self.views = ViewTable(
@@ -163,7 +164,8 @@ class BatchRenderer(Renderer):
 
     def _write_settings(self) -> None:
         super()._write_settings()
-        cap = self.settings.world_cache_update_cap * self._world_count  # each world has cells of its own
+        # Each world has cells of its own, of which as many are updated as of a single one.
+        cap = self.settings.world_cache_update_cap * self._world_count
         self._frame.uniforms["world_cache_settings.update_cap"] = min(cap, 0xFFFFFFFF)
 
     def render_views(
@@ -188,6 +190,7 @@ class BatchRenderer(Renderer):
 
     def _write_views(self, cameras: ViewCameras, cut: NDArray[np.bool_], seeds: NDArray[np.uint32]) -> None:
         views = self.views
+        # A view that is cut has no history that changes of light could shorten.
         if self._change.any() or not self._changes.is_still:
             change = self._change * CHANGE_DECAY
             change[change <= MIN_CHANGE] = 0.0

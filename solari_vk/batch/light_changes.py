@@ -74,6 +74,7 @@ class LightChanges:
         # Each frame forgets a share of the earlier changes, as the histories that follow them do.
         change = self.change * CHANGE_DECAY
         self.change = np.maximum(np.where(change > MIN_CHANGE, change, 0.0), self.newest)
+        # The comparison above was by world, since each had lights of its own in the frame before.
         if len(states) < count:
             self._join()
         self._update_stillness()

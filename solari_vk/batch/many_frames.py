@@ -82,6 +82,7 @@ class ManyFrames(Mapping[str, NDArray[Any]]):
         self._results = dict(results)
 
         def record(cmd: raw.CData) -> None:
+            # After the frame that made the results, and before the next one overwrites them.
             self._device.vk.vkCmdPipelineBarrier2(cmd, full_barrier())
             for name, result in results.items():
                 result.record_copy(cmd, self._buffers[name], index * result.size)
@@ -202,6 +203,7 @@ def cuts_of(frames: int, views: int, reset: Any) -> NDArray[np.bool_]:
         )
     if mask.ndim == 2:
         return mask
+    # A mask of one frame is that of the first: the others follow it.
     cuts = np.zeros((frames, views), bool)
     cuts[0] = mask
     return cuts

@@ -72,6 +72,7 @@ def checked_results(outputs: Any, known: Sequence[str], where: str, what: str) -
 
 def checked_scenes(scene: Any, worlds: Any) -> list[Scene] | None:
     """The scenes of worlds, None for one scene; raises SolariError for wrong ones."""
+    # Who gives a list of scenes as worlds means the list in place of the scene.
     if isinstance(worlds, (list, tuple)) or np.ndim(worlds):
         raise SolariError(
             "Batch: worlds is the number of worlds of one scene: give a list of scenes in its place, "
@@ -91,12 +92,14 @@ def checked_scenes(scene: Any, worlds: Any) -> list[Scene] | None:
 def checked_worlds(device: Device, worlds: Any, views: int, renderer: str) -> int:
     """The number of worlds; raises SolariError if views aren't shared evenly, or the device doesn't hold so many."""
     count = whole_number(worlds, "Batch: worlds", 1)
+    # Each world has cells of its own in the world cache, which is one buffer.
     most = world_cache.most_worlds(device.properties.limits.maxStorageBufferRange)
     if renderer == "realtime" and count > most:
         raise SolariError(
             f"Batch: {count:,} worlds: this device's buffers have cells of the world cache for at most "
             f"{most:,}: share the worlds among several batches"
         )
+    # View i shows world i // (views / worlds).
     if views % count:
         raise SolariError(f"Batch: {views:,} views are no multiple of {count:,} worlds: each has as many views")
     return count

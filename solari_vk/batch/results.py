@@ -73,7 +73,7 @@ class BatchResults(Hints):
             return Result(frame, resource, buffer.dtype, math.prod(buffer.level_shape(0)), self._realtime.picture_of)
         element = frame.binding(resource).element
         assert element is not None
-        # The grid of realtime views may have more places than views.
+        # The grid of realtime views may have more places than views, which come last.
         count = self._pixels(name) * math.prod(element.shape)
         return Result(frame, resource, element.base, count, partial(self._shaped, name))
 

@@ -165,6 +165,7 @@ def of_fov(fov: Floats, size: tuple[int, int]) -> tuple[Floats, Floats]:
         f"lie between {NARROWEST:g} and pi - {NARROWEST:g} radians",
         "the vertical field of view",
     )
+    # The same operations in the same order as of a `Camera`, whose pixels have an aspect ratio of 1.
     half_height = _each(math.tan, fov / 2)
     half = np.stack([half_height * size[0] / size[1] / 1.0, half_height], -1)
     return half, np.zeros_like(half)
@@ -179,6 +180,7 @@ def of_matrices(K: Floats, size: tuple[int, int]) -> tuple[Floats, Floats]:
     plain = (K[:, 0, 1] == 0) & (K[:, 1, 0] == 0) & (K[:, 2] == (0, 0, 1)).all(axis=1) & (fx > 0) & (fy > 0)
     check_all(plain, "be [[fx, 0, cx], [0, fy, cy], [0, 0, 1]], with fx and fy above 0 and no skew", "K")
     width, height = size
+    # By the field of view, as `Camera.from_opencv`, so that both find the same numbers.
     fov = 2 * _each(math.atan, height / 2 / fy)
     half_height = of_fov(fov, size)[0][:, 1]
     half = np.stack([half_height * width / height / (fx / fy), half_height], -1)

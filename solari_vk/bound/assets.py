@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
-from typing import Any, Protocol
+from collections.abc import Iterable, Mapping
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,13 +22,6 @@ from solari_vk.gpu.tensors.port import TensorPort
 from solari_vk.scene.model import Material, Mesh, TextureImage
 from solari_vk.scene.observed import Observable, Watcher
 from solari_vk.scene.tensor_fields import TensorFields
-
-
-class RowsOfScene(Protocol):
-    """What has the records of a scene that uses assets: `SceneRecords`."""
-
-    def apply_changes(self) -> None: ...
-    def write(self, users: Iterable[Any]) -> None: ...
 
 
 class Assets:
@@ -71,20 +64,6 @@ class Assets:
     def users(self, asset: Observable) -> list[Any]:
         """The instances that use a mesh, a material, a texture or an image."""
         return self.geometry.rows.users(asset) if isinstance(asset, Mesh) else self.materials.users_of(asset)
-
-    def update(self, scenes: Sequence[RowsOfScene], revision: int, user: Any) -> bool:
-        """Apply the changes of scenes and write all records; returns whether images were replaced. revision: of all
-        scenes together. user: as of `SceneBinder.update`."""
-        for scene in scenes:
-            scene.apply_changes()
-        # Materials name rows of textures, and instances those of meshes and materials, which must be up to date before.
-        users = self.geometry.update(revision)
-        self.geometry.posed.show(user)
-        replaced = self.textures.update()
-        self.materials.update()
-        for scene in scenes:
-            scene.write(users)
-        return replaced
 
     def show(self, user: Any) -> None:
         """Have the previous positions be those that a user has seen last, where no scene changed."""

@@ -231,7 +231,7 @@ class SceneBinder:
         self._up_to_date = weakref.WeakSet()
         self.revision += 1
         try:
-            self.version += self.assets.update(self._scenes, self.revision, user)
+            self._update_records(user)
             self._count_features()
             self._upload()
         except BaseException:
@@ -240,6 +240,19 @@ class SceneBinder:
         for records in self._scenes:
             records.confirm()
         self._is_current = True
+
+    def _update_records(self, user: Any) -> None:
+        """Write the records of all that has changed."""
+        assets = self.assets
+        for records in self._scenes:
+            records.apply_changes()
+        # Materials name rows of textures, and instances those of meshes and materials, which must be up to date before.
+        with_other_structures = assets.geometry.update(self.revision)
+        assets.geometry.posed.show(user)
+        self.version += assets.textures.update()
+        assets.materials.update()
+        for records in self._scenes:
+            records.write(with_other_structures)
 
     def _count_features(self) -> None:
         if self.features != self._counted_features:
