@@ -158,6 +158,7 @@ class Actions(EditActions):
 
     def _pick(self, cursor: Cursor, also: bool) -> None:
         session = self._session
+        # Markers are drawn over the picture, so they are picked before what is behind them.
         marked = markers.marker_at(session, cursor)
         pick = None if marked else self._pick_at(cursor)
         item: Any = marked or (pick and pick.instance)
@@ -169,7 +170,8 @@ class Actions(EditActions):
                 session.pick_also(item)
                 session.say(f"{len(session.picked)} picked")
             return
-        session.pick, session.selected = pick, item
+        session.pick = pick
+        session.selected = item
         if pick is not None:
             point = ", ".join(f"{x:.4g}" for x in pick.point)
             session.say(f"{pick.instance.describe()} of {pick.instance.material.describe()} at ({point})")
@@ -189,12 +191,14 @@ class Actions(EditActions):
 def act(session: Session, name: str, argument: Any = None) -> Any:
     """Do the action of this name, with an argument if it takes one. A user's mistake is shown in the window."""
     asked = session.question
+    arguments = () if argument is None else (argument,)
     try:
         with session.showing_mistakes():
-            return getattr(Actions(session), name)(*(() if argument is None else (argument,)))
+            return getattr(Actions(session), name)(*arguments)
     finally:
+        # Without panels a question is answered by doing the same action again; any other action withdraws it.
         if asked is session.question and not session.has_panels:
-            session.question = None  # whoever does something else doesn't answer
+            session.question = None
 
 
 def _next(names: tuple[str, ...], current: str, step: int = 1) -> str:

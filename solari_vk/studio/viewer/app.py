@@ -86,6 +86,8 @@ class Viewer(Session):
             raise SolariError(f"the viewer's fps must be more than 0, not {quoted(fps)}")
         scale_control = ScaleControl(scale, 1 / fps)
         sources = Sources(scene, Path(source) if source else None, load)
+        # What is open is closed in reverse order, here if a later step fails, and otherwise by `close`: the swapchain
+        # before its window, everything that draws before the swapchain.
         with ExitStack() as undo:
             window = Window(size, "solari_vk")
             undo.callback(window.close)
@@ -122,8 +124,10 @@ class Viewer(Session):
             self._closers = undo.pop_all()
         if source and not source.startswith("builtin:"):
             add_recent(Path(source).absolute())
-        self.frame_count, self._wants_screenshot = 0, False
-        self._last, self._seen_at = time.perf_counter(), -math.inf
+        self.frame_count = 0
+        self._wants_screenshot = False
+        self._last_frame_at = time.perf_counter()
+        self._seen_at = -math.inf  # when the distance of what is seen was read last
         self._timed_mode = mode
 
     def _open_overlay(self) -> Any:
@@ -160,16 +164,7 @@ class Viewer(Session):
 
     def step(self, on_frame: Callable[[Viewer, float], None] | None = None) -> bool:
         """Handle input, render a frame and show it. Returns False if nothing was shown, as in a minimized window."""
-        wait = HIDDEN_WAIT if 0 in self.window.pixels else IDLE_WAIT if self.refinement.finished else 0.0
-        events = self.window.poll_events(wait)
-        keys, mouse = (True, True) if self.overlay is None else self.overlay.handle_events(events)
-        self.controls.handle(events, takes_keys=keys, takes_mouse=mouse)
-        self.cursor = self.controls.cursor
-        now = time.perf_counter()
-        seconds, self._last = now - self._last, now
-        self._fly(seconds, now)
-        with self.showing_mistakes():
-            self.player.advance(min(seconds, MAX_STEP))
+        seconds = self._handle_input()
         self.reload_changed()
         if on_frame is not None:
             on_frame(self, seconds)
@@ -179,22 +174,47 @@ class Viewer(Session):
             self.overlay.lay_out(seconds)
         else:
             self.history.end_gesture()  # without panels nothing is dragged
+        # The panels decide how large the picture is, so it is rendered after them.
         self._presenter.area = self.picture_area
-        pixels = self._presenter.area.width, self._presenter.area.height
-        if self.pictures.ready or self.refinement.rests or "picture" in self.faults:
-            self._render(pixels)
-        else:
-            self._show_wait(f"preparing the {self.pictures.mode} renderer ...")
-            with CompilePreview(self.pictures, self._show_wait, lambda: self._preview(pixels)):
-                self._render(pixels)
+        self._render_or_wait((self.picture_area.width, self.picture_area.height))
         if self._wants_screenshot and ("picture" in self.faults or self._is_current()):
             self._wants_screenshot = False
             act(self, "screenshot")
         shown = self._presenter.show(self._renderer.parts(), self._draw)
         self.frame_count += 1
-        self._note_time(seconds, time.perf_counter() - now)
+        self._record_times(seconds, time.perf_counter() - self._last_frame_at)
         self._show_title()
         return shown
+
+    def _handle_input(self) -> float:
+        """Handle events, and move camera and animation; returns the seconds since the last frame."""
+        wait = 0.0
+        if 0 in self.window.pixels:
+            wait = HIDDEN_WAIT
+        elif self.refinement.finished:
+            wait = IDLE_WAIT
+        events = self.window.poll_events(wait)
+        keys = mouse = True
+        if self.overlay is not None:
+            keys, mouse = self.overlay.handle_events(events)
+        self.controls.handle(events, takes_keys=keys, takes_mouse=mouse)
+        self.cursor = self.controls.cursor
+        now = time.perf_counter()
+        seconds = now - self._last_frame_at
+        self._last_frame_at = now
+        self._fly(seconds, now)
+        with self.showing_mistakes():
+            self.player.advance(min(seconds, MAX_STEP))
+        return seconds
+
+    def _render_or_wait(self, pixels: tuple[int, int]) -> None:
+        """Render the pictures; while the first one is compiled, the window shows what takes so long."""
+        if self.pictures.ready or self.refinement.rests or "picture" in self.faults:
+            self._render(pixels)
+            return
+        self._show_wait(f"preparing the {self.pictures.mode} renderer ...")
+        with CompilePreview(self.pictures, self._show_wait, lambda: self._preview(pixels)):
+            self._render(pixels)
 
     def _fly(self, seconds: float, now: float) -> None:
         """Move the camera, at a speed that follows the distance to what the latest picture shows."""
@@ -240,19 +260,22 @@ class Viewer(Session):
         """Tell the user why the first picture takes long."""
         self._set_title(text)
         if self.overlay is not None:
-            shown, self.message = self.message, self.message or text
+            # The text stands in the place of messages for this frame only.
+            message = self.message
+            self.message = message or text
             self.overlay.lay_out(0.0)
-            self.message = shown
+            self.message = message
         self._presenter.area = self.picture_area
         self._presenter.show(self.pictures.parts(), self._draw)
 
-    def _note_time(self, since_last: float, seconds: float) -> None:
+    def _record_times(self, since_last: float, seconds: float) -> None:
         if self.frame_count > 1:
             self.spans.append(since_last)
         self.timings = self.pictures.timings
         if self._timed_mode != self.pictures.mode:
             self._timed_mode = self.pictures.mode
             self.scale.forget_times()
+        # GPU time if the device has timestamps: the seconds of a frame also have the wait for the display.
         if self.pictures.is_short and not self.refinement.rests:
             self.scale.record_frame(sum(self.timings.values()) / 1000 or seconds)
 

@@ -41,12 +41,14 @@ class CameraControl:
 
     def begin(self, camera: Camera, extent: float) -> None:
         """Start anew, as with another scene."""
-        self.home, self.camera = dataclasses.replace(camera), dataclasses.replace(camera)
+        self.home = dataclasses.replace(camera)
+        self.camera = dataclasses.replace(camera)
         self.pace = PACE
-        self.held: set[str] = set()
+        self.pressed: set[str] = set()
         """The names of the directions whose keys are down."""
         self.fast = False
-        self._nearest, self._farthest = 1e-3 * max(extent, 1e-6), 1e6 * max(extent, 1.0)
+        self._nearest = 1e-3 * max(extent, 1e-6)
+        self._farthest = 1e6 * max(extent, 1.0)
         self.distance = self._home_distance = max(extent, 1e-6) / 3
         """Meters from the camera to what is seen in the middle of the picture."""
         self._has_seen = False
@@ -60,7 +62,7 @@ class CameraControl:
     @property
     def flies(self) -> bool:
         """Whether the camera moves by itself, or a key asks for it."""
-        return bool(self.held) or bool(self._velocity.any())
+        return bool(self.pressed) or bool(self._velocity.any())
 
     @property
     def center(self) -> NDArray[np.float64]:
@@ -72,7 +74,7 @@ class CameraControl:
         return _ahead(self.home, self._home_distance)
 
     def see(self, distance: float | None) -> None:
-        """Note the distance to what is seen, in meters. None, the background: the first view's point counts instead.
+        """Set the distance to what is seen, in meters. None, the background: the first view's point counts instead.
 
         The first call is about the first view.
         """
@@ -80,17 +82,18 @@ class CameraControl:
             distance = float(np.linalg.norm(self.camera.transform[:3, 3] - self._home_point))
         self.distance = min(max(distance, self._nearest), self._farthest)
         if not self._has_seen:
-            self._has_seen, self._home_distance = True, self.distance
+            self._has_seen = True
+            self._home_distance = self.distance
 
     def see_point(self, point: ArrayLike) -> None:
-        """Note that what is seen is as far away along the view axis as a point (3,) in world space."""
+        """Set the distance of what is seen: as far away along the view axis as a point (3,) in world space."""
         back = self.camera.transform[:3, 2] / np.linalg.norm(self.camera.transform[:3, 2])
         depth = float((self.camera.transform[:3, 3] - np.asarray(point, np.float64)) @ back)
         if depth > 0:
             self.see(depth)
 
     def advance(self, seconds: float) -> None:
-        """Fly in the directions that are held, for this many seconds. The velocity changes smoothly."""
+        """Fly in the directions whose keys are down, for this many seconds. The velocity changes smoothly."""
         position = self.camera.transform[:3, 3].copy()
         steps = min(math.ceil(seconds / STEP), 100) if self.flies else 0
         for _ in range(steps):
@@ -101,21 +104,24 @@ class CameraControl:
             self._assign(transform)
 
     def _step(self, seconds: float) -> NDArray[np.float64]:
-        """Change the velocity; returns the way of this many seconds in meters, (3,)."""
-        turn, direction = self.camera.transform[:3, :3], np.zeros(3)
-        for name in self.held:
+        """Change the velocity; returns the path of this many seconds in meters, (3,)."""
+        turn = self.camera.transform[:3, :3]
+        direction = np.zeros(3)
+        for name in self.pressed:
             direction += WORLD_DIRECTIONS[name] if name in WORLD_DIRECTIONS else turn @ DIRECTIONS[name]
         length = float(np.linalg.norm(direction))
         speed = self.speed * (FASTER if self.fast else 1.0)
         wanted = direction * (speed / length) if length > 1e-9 else np.zeros(3)
-        kept = math.exp(-seconds / SMOOTHING)
-        way = wanted * seconds + (self._velocity - wanted) * (SMOOTHING * (1 - kept))
-        self._velocity = wanted + (self._velocity - wanted) * kept
+        # The velocity approaches the wanted one exponentially: v' = (wanted - v) / SMOOTHING. This is the solution and
+        # its integral, so that the path doesn't depend on the length of the steps.
+        decay = math.exp(-seconds / SMOOTHING)
+        path = wanted * seconds + (self._velocity - wanted) * (SMOOTHING * (1 - decay))
+        self._velocity = wanted + (self._velocity - wanted) * decay
         if not wanted.any() and np.linalg.norm(self._velocity) < 1e-3 * speed:
             self._velocity = np.zeros(3)
-        forward = -float(way @ turn[:, 2] / np.linalg.norm(turn[:, 2]))
+        forward = -float(path @ turn[:, 2] / np.linalg.norm(turn[:, 2]))
         self.distance = min(max(self.distance - forward, self._nearest), self._farthest)
-        return way
+        return path
 
     def change_speed(self, notches: float) -> None:
         """Change the pace by notches of the wheel; a positive number is faster."""
@@ -138,6 +144,8 @@ class CameraControl:
         """
         wanted = self.distance * WHEEL ** -min(max(notches, -20.0), 20.0)
         distance = min(max(wanted, self._nearest), self._farthest)
+        # Equal steps of the wheel multiply the distance, so that zooming is as quick near and far away. Then the camera
+        # moves across by what the point under the cursor moved in the picture.
         anchor, center = self._seen_across(at), self.center
         if self.camera.orthographic_height:
             self.camera.orthographic_height *= distance / self.distance
@@ -149,9 +157,9 @@ class CameraControl:
     def dolly(self, notches: float) -> None:
         """Fly along the view axis by notches of the wheel, past what is seen; a negative number flies back."""
         back = self.camera.transform[:3, 2]
-        way = (1 - 1 / WHEEL) * self.distance * min(max(notches, -20.0), 20.0)
+        step = (1 - 1 / WHEEL) * self.distance * min(max(notches, -20.0), 20.0)
         transform = self.camera.transform.copy()
-        transform[:3, 3] -= way * back / np.linalg.norm(back)
+        transform[:3, 3] -= step * back / np.linalg.norm(back)
         self._assign(transform)
 
     @property
@@ -181,6 +189,7 @@ class CameraControl:
         radius, narrow = max(radius, 1e-6), min(aspect, 1.0)
         if self.camera.orthographic_height:
             self.camera.orthographic_height = 2 * radius / narrow
+        # A sphere fills a cone, so its distance follows from the sine of half the narrower field of view.
         half = math.atan(math.tan(min(self.camera.vertical_fov, WIDEST) / 2) * narrow)
         self._look_from(point, radius / math.sin(half))
 
@@ -207,7 +216,8 @@ class CameraControl:
     def reset(self) -> None:
         """Return to the first pose and pace."""
         self.camera = dataclasses.replace(self.home)
-        self.pace, self.distance = PACE, self._home_distance
+        self.pace = PACE
+        self.distance = self._home_distance
         self._velocity = np.zeros(3)
 
     def copy_pose(self) -> str:
@@ -229,6 +239,7 @@ class CameraControl:
     def _turn(self, right: float, down: float, center: ArrayLike) -> None:
         transform = self.camera.transform
         elevation = math.asin(float(np.clip(-transform[1, 2], -1, 1)))  # the view direction's elevation
+        # Straight up and down the horizon would turn over. A camera that begins beyond the limit may stay there.
         limit = max(MAX_ELEVATION, abs(elevation))
         raised = min(max(elevation - TURN * down, -limit), limit) - elevation
         turn = rotation(UP, -TURN * right) @ rotation(transform[:3, 0], raised)

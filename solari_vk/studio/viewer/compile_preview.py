@@ -21,31 +21,38 @@ class CompilePreview:
     """
 
     def __init__(self, pictures: Pictures, show: Callable[[str], object], preview: Callable[[], object]) -> None:
-        self._device, self._pictures, self._show, self._preview = pictures.device, pictures, show, preview
-        self._began: float | None = None
-        self._sampled = self._busy = self._failed = False
+        self._device = pictures.device
+        self._pictures = pictures
+        self._show = show
+        self._preview = preview
+        self._began: float | None = None  # the compilation, and later the latest sample
+        self._sampled = False
+        self._busy = False
+        self._failed = False
 
     def __enter__(self) -> CompilePreview:
-        self._heard, self._device.on_compile = self._device.on_compile, self._hear
+        self._listener_before = self._device.on_compile
+        self._device.on_compile = self._on_compile
         return self
 
     def __exit__(self, *_: object) -> None:
-        self._device.on_compile = self._heard
+        self._device.on_compile = self._listener_before
 
-    def _hear(self, state: Compiling) -> None:
-        if self._heard is not None:
-            self._heard(state)
+    def _on_compile(self, state: Compiling) -> None:
+        if self._listener_before is not None:
+            self._listener_before(state)
+        # Showing the window and sampling may compile shaders themselves, which calls this again.
         if self._busy or not state.name:
             return
         self._busy = True
         try:
             if state.what == "machine code" and self._pictures.previews:
-                self._refine()
+                self._add_sample()
             self._show(f"{state} ...")
         finally:
             self._busy = False
 
-    def _refine(self) -> None:
+    def _add_sample(self) -> None:
         """Add a sample to the path tracer's picture, unless the compilation is quick or the latest is recent."""
         now = time.monotonic()
         self._began = now if self._began is None else self._began
@@ -59,4 +66,5 @@ class CompilePreview:
             if self._device.lost:
                 raise
             self._failed = True
-        self._sampled, self._began = True, time.monotonic()
+        self._sampled = True
+        self._began = time.monotonic()

@@ -12,7 +12,9 @@ from solari_vk.studio.viewer.layout import Area
 from solari_vk.studio.viewer.window import Event
 
 CLICK = 3.0  # a button that is released before the cursor moves this far is a click, not a drag
-SHIFT, CONTROL, ALT = glfw.MOD_SHIFT, glfw.MOD_CONTROL, glfw.MOD_ALT
+SHIFT = glfw.MOD_SHIFT
+CONTROL = glfw.MOD_CONTROL
+ALT = glfw.MOD_ALT
 
 FLY_KEYS = {
     glfw.KEY_W: "forward",
@@ -128,26 +130,32 @@ class Controls:
         """Handle events. takes_keys, takes_mouse: False ignores key presses, and button presses and the wheel, which
         count over the picture only."""
         for event in events:
-            if event.kind == "key" and (takes_keys or not event.pressed):
-                self._key(event)
-            elif event.kind == "text" and takes_keys and chr(event.code) in TEXT_ACTIONS:
-                self.act(TEXT_ACTIONS[chr(event.code)], None)
-            elif event.kind == "button" and (not event.pressed or (takes_mouse and self.area().holds(self.cursor))):
-                self._press(event)
-            elif event.kind == "cursor":
-                self._move((event.x, event.y))
-            elif event.kind == "scroll" and takes_mouse and self.area().holds(self.cursor):
-                self._scroll(event.y)
-            elif event.kind == "focus" and not event.pressed:
-                self.release()
-            elif event.kind == "drop":
-                self.act("drop", event)
-            elif event.kind == "close":
-                self.act("close_window", None)
+            match event.kind:
+                # A release always counts: its press may have come before the panels took the keyboard or the mouse.
+                case "key" if takes_keys or not event.pressed:
+                    self._key(event)
+                case "button" if not event.pressed or (takes_mouse and self._is_over_picture):
+                    self._press(event)
+                case "text" if takes_keys and chr(event.code) in TEXT_ACTIONS:
+                    self.act(TEXT_ACTIONS[chr(event.code)], None)
+                case "cursor":
+                    self._move((event.x, event.y))
+                case "scroll" if takes_mouse and self._is_over_picture:
+                    self._scroll(event.y)
+                case "focus" if not event.pressed:
+                    self.release()
+                case "drop":
+                    self.act("drop", event)
+                case "close":
+                    self.act("close_window", None)
+
+    @property
+    def _is_over_picture(self) -> bool:
+        return self.area().holds(self.cursor)
 
     def release(self) -> None:
         """Release all keys and buttons, because a window without the focus gets no events of their release."""
-        self.camera.held.clear()
+        self.camera.pressed.clear()
         self.camera.fast = False
         self._button = None
 
@@ -155,23 +163,29 @@ class Controls:
         modifiers = event.modifiers & (CONTROL | SHIFT | ALT)
         if event.code in (glfw.KEY_LEFT_SHIFT, glfw.KEY_RIGHT_SHIFT):
             self.camera.fast = event.pressed
-        elif event.code in FLY_KEYS and not (modifiers & (CONTROL | ALT) and event.pressed):
-            (self.camera.held.add if event.pressed else self.camera.held.discard)(FLY_KEYS[event.code])
-        elif not event.pressed:
-            return
-        elif glfw.KEY_1 <= event.code <= glfw.KEY_9 and not modifiers & CONTROL and not event.repeats:
+        elif event.code in FLY_KEYS and not event.pressed:
+            self.camera.pressed.discard(FLY_KEYS[event.code])
+        elif event.code in FLY_KEYS and not modifiers & (CONTROL | ALT):
+            self.camera.pressed.add(FLY_KEYS[event.code])
+        elif event.pressed:
+            self._act_by_key(event, modifiers)
+
+    def _act_by_key(self, event: Event, modifiers: int) -> None:
+        if glfw.KEY_1 <= event.code <= glfw.KEY_9 and not modifiers & CONTROL and not event.repeats:
             self.act("camera", event.code - glfw.KEY_1)
-        else:
-            action = ACTIONS.get((event.code, modifiers)) or ACTIONS.get((event.code, modifiers & ~SHIFT))
-            if action is not None and (not event.repeats or action in REPEATING):
-                self.act(action, None)
+            return
+        # Shift only means something else where a key is listed with it.
+        action = ACTIONS.get((event.code, modifiers)) or ACTIONS.get((event.code, modifiers & ~SHIFT))
+        if action is not None and (not event.repeats or action in REPEATING):
+            self.act(action, None)
 
     def _scroll(self, notches: float) -> None:
-        if self.camera.held or self._button == glfw.MOUSE_BUTTON_RIGHT:
+        if self.camera.pressed or self._button == glfw.MOUSE_BUTTON_RIGHT:
             self.camera.change_speed(notches)
         elif self.camera.fast:
             self.camera.dolly(notches)
         else:
+            # The distance under the cursor needs the picture from the device: once for a row of notches.
             if self._zoomed_at != self.cursor:
                 self._zoomed_at = self.cursor
                 self._see(self.cursor)
@@ -188,7 +202,10 @@ class Controls:
 
     def _press(self, event: Event) -> None:
         if event.pressed and self._button is None:
-            self._button, self._pressed_at, self._dragging, self._center = event.code, self.cursor, False, None
+            self._button = event.code
+            self._pressed_at = self.cursor
+            self._dragging = False
+            self._center = None
         elif not event.pressed and event.code == self._button:
             self._button = None
             if not self._dragging and event.code == glfw.MOUSE_BUTTON_LEFT:

@@ -16,12 +16,15 @@ from solari_vk.studio.viewer.outline import COLOR, Outline
 from solari_vk.studio.viewer.overlay_renderer import OverlayRenderer
 from solari_vk.studio.viewer.session import Session
 
-DIVIDER_WIDTH, BAND_WIDTH = 9, 3
+DIVIDER_WIDTH = 9  # of what the mouse can take hold of, in window coordinates; the line itself is 1 wide
+BAND_WIDTH = 3
 BARE = imgui.WindowFlags_.no_decoration | imgui.WindowFlags_.no_saved_settings | imgui.WindowFlags_.no_move
-# Colors as 0xAABBGGRR.
-WHITE, SHADOW = 0xFFFFFFFF, 0xC0000000
+# Colors as ImGui has them, 0xAABBGGRR.
+WHITE = 0xFFFFFFFF
+SHADOW = 0xC0000000
 PICKED = int.from_bytes(COLOR, "little")
-LIGHT, CAMERA = 0xFF66E0FF, 0xFFE0C090
+LIGHT = 0xFF66E0FF
+CAMERA = 0xFFE0C090
 OUTLINE = "outline"
 
 
@@ -29,17 +32,20 @@ class Decorations:
     """Draws over the picture of a session."""
 
     def __init__(self, session: Session, renderer: OverlayRenderer) -> None:
-        self._session, self._renderer = session, renderer
-        self._outline, self._changed = Outline(), False
+        self._session = session
+        self._renderer = renderer
+        self._outline = Outline()
+        self._changed = False  # whether the outline's texture is older than its image
 
     def lay_out(self) -> None:
         """Draw everything, between ImGui's new_frame and end_frame."""
         session, area = self._session, self._session.layout.picture
+        # The background list is drawn below all windows, so panels and messages stay above.
         lines = imgui.get_background_draw_list()
         lines.push_clip_rect(imgui.ImVec2(area.x, area.y), imgui.ImVec2(area.x + area.width, area.y + area.height))
         if session.shows_panels:
             self._draw_outline(lines)
-            self._draw_marks(lines)
+            self._draw_markers(lines)
         else:
             self._renderer.forget(OUTLINE)
             self._changed = True
@@ -54,6 +60,8 @@ class Decorations:
         """The outline in the picture once it rests; until then the box around the object."""
         session = self._session
         instances = [item for item in session.picked if isinstance(item, Instance) and item.visible]
+        # The outline is found in the picture's instance numbers, which takes a wait for the device: too long for each
+        # frame while something moves.
         if instances and session.refinement.moves:
             for instance in instances:
                 self._draw_box(lines, instance)
@@ -76,6 +84,7 @@ class Decorations:
         corners = np.array(list(product(*zip(positions.min(axis=0), positions.max(axis=0), strict=True))), np.float64)
         places = markers.project(session.camera, transform_points(instance.transform, corners), session.layout.picture)
         for a, b in combinations(range(8), 2):
+            # The corners' numbers are their sides in binary: those of an edge differ in one axis.
             if bin(a ^ b).count("1") == 1:
                 _line(lines, places[a], places[b], PICKED)
 
@@ -87,7 +96,7 @@ class Decorations:
             end = area.y + tracer.begun[1] / tracer.size[1] * area.height
             lines.add_rect_filled(imgui.ImVec2(area.x, area.y), imgui.ImVec2(area.x + BAND_WIDTH, end), PICKED)
 
-    def _draw_marks(self, lines: Any) -> None:
+    def _draw_markers(self, lines: Any) -> None:
         """Rings at lights and squares at cameras; a line along the direction of those that are picked."""
         session = self._session
         radius = markers.RADIUS * session.window.text_scale
@@ -95,7 +104,9 @@ class Decorations:
         for item, (x, y) in markers.visible_markers(session):
             center = imgui.ImVec2(x, y)
             picked = any(item is other for other in session.picked)
-            color = PICKED if picked else CAMERA if isinstance(item, Camera) else LIGHT
+            color = CAMERA if isinstance(item, Camera) else LIGHT
+            if picked:
+                color = PICKED
             if isinstance(item, Camera):
                 half = 0.8 * radius
                 lines.add_rect(imgui.ImVec2(x - half, y - half), imgui.ImVec2(x + half, y + half), color, 0, 2.0)
@@ -126,6 +137,7 @@ class Decorations:
 
     def _divider(self, lines: Any, name: str, at: float) -> None:
         area, pictures = self._session.layout.picture, self._session.pictures
+        # A window without a background takes the mouse along the line, before the picture does.
         x = area.x + at * area.width
         lines.add_line(imgui.ImVec2(x, area.y), imgui.ImVec2(x, area.y + area.height), 0xC0FFFFFF)
         imgui.set_next_window_pos(imgui.ImVec2(x - DIVIDER_WIDTH // 2, area.y))

@@ -69,8 +69,8 @@ class EditActions:
         session.gizmo_is_local = not session.gizmo_is_local
         session.say(f"handles along {'its own' if session.gizmo_is_local else 'the world'} axes")
 
-    def _nudge(self, way: str) -> None:
-        """Move what is picked by a small step, along the world's axis that looks most like `way` on the screen."""
+    def _nudge(self, direction: str) -> None:
+        """Move what is picked by a small step, along the world's axis that looks most like it on the screen."""
         picked, control = self._picked(), self._session.camera_control
         placed = [item for item in picked if hasattr(item, "position")]
         if not placed:
@@ -78,13 +78,15 @@ class EditActions:
                 self._session.say(f"{picked[-1].describe()} has no place")
             return
         turn = control.camera.transform[:3, :3]
-        if AXES[way] == 1:
+        if AXES[direction] == 1:
             axis = np.array((0.0, 1.0, 0.0))
         else:
-            level = turn[:, AXES[way]] * (1, 0, 1)
+            # The camera's axis in the horizontal plane, and of the world's axes the nearest to it.
+            level = turn[:, AXES[direction]] * (1, 0, 1)
+            nearest = np.argmax(np.abs(level))
             axis = np.zeros(3)
-            axis[np.argmax(np.abs(level))] = np.sign(level[np.argmax(np.abs(level))]) or 1.0
-        sign = -1 if way in ("left", "down", "away") else 1
+            axis[nearest] = np.sign(level[nearest]) or 1.0
+        sign = -1 if direction in ("left", "down", "away") else 1
         step = sign * NUDGE * control.seen_height * axis
         self._edit_all("position", [(item, {"position": item.position + step}) for item in placed])
 
@@ -129,12 +131,14 @@ class EditActions:
         self._session.history.end_gesture()
 
     def remove(self) -> None:
-        picked, scene, history = self._picked(), self._session.scene, self._session.history
+        picked = self._picked()
+        scene = self._session.scene
         surrounding = scene.environment.lights if scene.environment else ()
         lights = [item for item in picked if isinstance(item, Light)]
+        # A sky is several lights, its sun and its dome: they are removed together.
         if any(isinstance(item, EnvironmentLight) or item in surrounding for item in lights):
             lights += [light for light in surrounding if light not in lights]
-        history.remove(
+        self._session.history.remove(
             (scene.instances, [item for item in picked if isinstance(item, Instance)]),
             (scene.lights, lights),
             (scene.cameras, [item for item in picked if isinstance(item, Camera)]),
@@ -147,7 +151,8 @@ class EditActions:
 
     def put_texture(self, path: Path | str) -> None:
         """Put the picture of a file on the field `session.texture_field` of the materials of what is picked."""
-        field, file = self._session.texture_field, Path(path)
+        field = self._session.texture_field
+        file = Path(path)
         pixels: Any = file  # which becomes those of the file
         image = TextureImage(pixels=pixels, name=file.stem)
         materials = {id(item.material): item.material for item in self._picked() if isinstance(item, Instance)}
@@ -212,15 +217,19 @@ class EditActions:
         """Open a model that was dropped into the window, with Shift add it; surround the scene by a picture; or put an
         8-bit picture on the material of an instance that is picked."""
         for path in map(Path, event.paths):
-            on_material = path.suffix.lower() in TEXTURE_FILES and isinstance(self._session.selected, Instance)
-            if on_material or (path.suffix.lower() in TEXTURE_FILES and not is_map(path)):
-                self.put_texture(path)
-            elif is_map(path):
-                self.surround(str(path))
-            elif event.code:
-                add_file(self._session, path)
-            else:
-                self.open(path)
+            self._drop_file(path, adds=bool(event.code))
+
+    def _drop_file(self, path: Path, adds: bool) -> None:
+        # .png and .jpg may be textures or maps: what is picked decides.
+        is_texture = path.suffix.lower() in TEXTURE_FILES
+        if is_texture and (isinstance(self._session.selected, Instance) or not is_map(path)):
+            self.put_texture(path)
+        elif is_map(path):
+            self.surround(str(path))
+        elif adds:
+            add_file(self._session, path)
+        else:
+            self.open(path)
 
     def open(self, path: Path | str) -> None:
         """Show another file, after asking what to do with edits that aren't saved."""
@@ -260,15 +269,19 @@ class EditActions:
 
     def answer(self, words: str) -> None:
         """Answer the question that is asked; other words than its answers do nothing."""
-        question, self._session.question = self._session.question, None
+        question = self._session.question
+        self._session.question = None  # before the answer, which may ask another one
         if question is not None and words in question.answers:
             question.answers[words]()
 
 
 def _free_name(name: str, taken: Iterable[str]) -> str:
-    names, number = set(taken), 1
-    while (found := name if number == 1 else f"{name} {number}") in names:
+    names = set(taken)
+    found = name
+    number = 1
+    while found in names:
         number += 1
+        found = f"{name} {number}"
     return found
 
 
@@ -293,7 +306,9 @@ def transform_of(item: Checked, fallback: NDArray[np.float64]) -> NDArray[np.flo
     if not hasattr(item, "position") and not hasattr(item, "direction"):
         return None
     back = -np.asarray(getattr(item, "direction", (0, 0, -1)), np.float64)
-    up = np.array((0.0, 1.0, 0.0)) if abs(back[1]) < math.cos(0.05) * np.linalg.norm(back) else np.array((0, 0, 1.0))
+    # Any axes that make a rotation with the direction. Near the vertical another up vector keeps the product long.
+    is_steep = abs(back[1]) >= math.cos(0.05) * np.linalg.norm(back)
+    up = np.array((0.0, 0.0, 1.0) if is_steep else (0.0, 1.0, 0.0))
     right = np.cross(up, back)
     made = np.eye(4)
     made[:3, :3] = np.stack([axis / np.linalg.norm(axis) for axis in (right, np.cross(back, right), back)], axis=1)

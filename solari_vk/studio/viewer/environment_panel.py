@@ -50,6 +50,7 @@ class EnvironmentPanel:
             angle = math.degrees(math.atan2(turn[0, 2], turn[0, 0]))
             changed, degrees = imgui.slider_float("rotation", angle, -180, 180, "%.0f deg")
             if changed:
+                # The slider shows the turn about the vertical axis; what else the rotation has is kept.
                 tilt = rotation(UP, -math.radians(angle)) @ turn
                 session.edit(environment, rotation=rotation(UP, math.radians(degrees)) @ tilt)
             height, width = environment.image.shape[:2]
@@ -58,8 +59,10 @@ class EnvironmentPanel:
     def _choose_map(self) -> None:
         session = self._session
         folder = session.map_folder or (Path(session.source).resolve().parent if session.source else Path.cwd())
+        # The folder is read once and not in each frame.
         if folder != self._listed:
-            self._listed, self._maps = folder, maps_in(folder)
+            self._listed = folder
+            self._maps = maps_in(folder)
         if not self._maps:
             imgui.new_line()
             return
@@ -74,10 +77,12 @@ class EnvironmentPanel:
 
     def _sky(self, sky: Sky) -> None:
         x, y, z = map(float, sky.sun_direction)
-        height, heading = math.degrees(math.asin(min(max(y, -1.0), 1.0))), math.degrees(math.atan2(x, z))
+        height = math.degrees(math.asin(min(max(y, -1.0), 1.0)))
+        heading = math.degrees(math.atan2(x, z))
         raised, height = imgui.slider_float("sun height", height, -10, 90, "%.0f deg")
         turned, heading = imgui.slider_float("sun heading", heading, -180, 180, "%.0f deg")
         if raised or turned:
+            # At 90 degrees a sun has no heading, which the slider would then lose.
             up, around = math.radians(min(height, 89.9)), math.radians(heading)
             across = math.cos(up)
             sun = np.array((across * math.sin(around), math.sin(up), across * math.cos(around)), np.float32)

@@ -20,7 +20,7 @@ class FilePanel:
 
     def __init__(self, session: Session) -> None:
         self._session = session
-        self._recent: list[str] | None = None
+        self._recent: list[str] | None = None  # read from disk when the popup opens, not in each frame
         self._path = ""
 
     def lay_out(self) -> None:

@@ -17,7 +17,7 @@ from solari_vk.studio.viewer.session import Session
 gizmo = imguizmo.im_guizmo
 OPERATIONS = {"move": gizmo.OPERATION.translate, "turn": gizmo.OPERATION.rotate, "scale": gizmo.OPERATION.scale}
 LENGTH = 75.0  # of a handle, in window coordinates at a text scale of 1
-FAR = 1e4  # over the near distance, of the projection that the handles are drawn by
+FAR = 1e4  # over the near distance, of the projection that the handles are drawn by: theirs needs an end
 
 
 class Gizmo:
@@ -31,32 +31,44 @@ class Gizmo:
     def lay_out(self) -> None:
         """Lay out the handles over the picture, between ImGui's new_frame and end_frame."""
         session, item = self._session, self._session.selected
-        operation, self.busy = OPERATIONS.get(session.gizmo), False
-        transform = None if item is None else transform_of(item, session.camera_control.center)
+        operation = OPERATIONS.get(session.gizmo)
+        self.busy = False
+        if operation is None or item is None or not self._has_handles(item, operation):
+            return
+        transform = transform_of(item, session.camera_control.center)
+        if transform is None:
+            return
         pivot = _pivot(item)
-        # A camera of the scene from which the user looks has its handles in the eye.
-        if operation is None or item is None or transform is None or item in session.locked or _is_eye(session, item):
-            return
-        if session.camera.has_lens or (operation == gizmo.OPERATION.scale and "transform" not in item._names):
-            return
         area, camera = session.layout.picture, session.camera
         gizmo.set_orthographic(bool(camera.orthographic_height))
         gizmo.set_drawlist(imgui.get_background_draw_list())
         gizmo.set_rect(area.x, area.y, area.width, area.height)
+        # Lengths of handles are in clip space, which is 2 across the picture's longer side.
         gizmo.set_gizmo_size_clip_space(2 * LENGTH * session.window.text_scale / max(area.width, area.height))
         view = np.linalg.inv(_without_scale(camera.transform))
-        matrix = _given(transform @ pivot)
-        along = gizmo.MODE.local if session.gizmo_is_local or operation == gizmo.OPERATION.scale else gizmo.MODE.world
-        changed = gizmo.manipulate(
-            _given(view), _given(projection(camera, area.width / max(area.height, 1))), operation, along, matrix
-        )
+        matrix = _matrix16(transform @ pivot)
+        # Scaling along the world's axes would shear the object.
+        is_local = session.gizmo_is_local or operation == gizmo.OPERATION.scale
+        along = gizmo.MODE.local if is_local else gizmo.MODE.world
+        seen_by = projection(camera, area.width / max(area.height, 1))
+        changed = gizmo.manipulate(_matrix16(view), _matrix16(seen_by), operation, along, matrix)
         self.busy = gizmo.is_over() or gizmo.is_using()
         if changed:
             moved = np.asarray(matrix.values, np.float64).reshape(4, 4).T.copy()
-            moved[3] = 0, 0, 0, 1
+            moved[3] = 0, 0, 0, 1  # float32 leaves rounding errors there, which transforms refuse
             moved = moved @ np.linalg.inv(pivot)
             if np.isfinite(moved).all():
                 self._move(item, transform, moved)
+
+    def _has_handles(self, item: Any, operation: Any) -> bool:
+        """Whether the object has handles for an operation."""
+        session = self._session
+        # A camera of the scene from which the user looks would have its handles in the eye.
+        if item in session.locked or _is_eye(session, item):
+            return False
+        # ImGuizmo projects by a matrix, which a lens with distortion hasn't. Lights have no scale.
+        can_scale = "transform" in item._names
+        return not session.camera.has_lens and (can_scale or operation != gizmo.OPERATION.scale)
 
     def _move(self, item: Any, before: NDArray[np.float64], after: NDArray[np.float64]) -> None:
         """Move an object, and in the same way all others that are picked."""
@@ -64,7 +76,8 @@ class Gizmo:
         if len(session.picked) == 1:
             session.edit(item, **move_to(item, after))
             return
-        change, values = after @ np.linalg.inv(before), []
+        change = after @ np.linalg.inv(before)
+        values = []
         for other in session.picked:
             place = transform_of(other, session.camera_control.center)
             if place is not None:
@@ -84,12 +97,15 @@ def projection(camera: Camera, aspect: float) -> NDArray[np.float64]:
     if camera.orthographic_height:
         far = FAR * camera.orthographic_height
         made[1, 1] = 2 / camera.orthographic_height
-        made[2, 2], made[3, 3] = -1 / far, 1
+        made[2, 2] = -1 / far
+        made[3, 3] = 1
         made[0, 3], made[1, 3] = x, -y
     else:
         near, far = camera.near, FAR * camera.near
         made[1, 1] = 1 / math.tan(camera.vertical_fov / 2)
-        made[2, 2], made[2, 3], made[3, 2] = (far + near) / (near - far), 2 * far * near / (near - far), -1
+        made[2, 2] = (far + near) / (near - far)
+        made[2, 3] = 2 * far * near / (near - far)
+        made[3, 2] = -1
         made[0, 2], made[1, 2] = -x, y
     made[0, 0] = made[1, 1] * camera.pixel_aspect / aspect
     return made
@@ -114,6 +130,6 @@ def _without_scale(transform: NDArray[np.float64]) -> NDArray[np.float64]:
     return made
 
 
-def _given(matrix: NDArray[Any]) -> Any:
+def _matrix16(matrix: NDArray[Any]) -> Any:
     """A matrix (4, 4) as ImGuizmo takes it: by columns."""
     return gizmo.Matrix16([float(value) for value in matrix.T.ravel()])

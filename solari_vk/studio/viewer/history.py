@@ -13,7 +13,7 @@ from solari_vk.base.errors import SolariError
 from solari_vk.scene.collection import Items
 from solari_vk.scene.observed import Checked
 
-LONGEST = 1000  # edits that are kept
+MOST_EDITS = 1000  # that can be undone; earlier ones are forgotten
 UNREACHABLE = object()  # stands for the last edit when the scene was saved, if no undoing leads there
 
 
@@ -120,7 +120,8 @@ class History:
 
     def mark_saved(self) -> None:
         """Remember that the scene was saved as it is now."""
-        self._saved, self._open = self.done[-1] if self.done else None, False
+        self._saved = self.done[-1] if self.done else None
+        self._open = False
 
     def assign(self, item: Any, **fields: Any) -> None:
         """Assign values to fields of an object."""
@@ -128,6 +129,8 @@ class History:
         edit.redo()
         # The object may have converted or clamped the values: redoing must give what it has now.
         edit.after = _snapshot_of(item, fields)
+        # While a slider is dragged, each frame assigns: together they are one edit. The last edit before saving is never
+        # changed, since `unsaved` compares by it.
         last = self.done[-1] if self.done else None
         if self._open and isinstance(last, Assignment) and edit.continues(last) and last is not self._saved:
             last.after = edit.after
@@ -139,7 +142,8 @@ class History:
     def assign_all(self, text: str, values: Sequence[tuple[Any, dict[str, Any]]]) -> None:
         """Assign fields of several objects, as one edit that has its own text."""
         edits = [Assignment(item, fields, _snapshot_of(item, fields)) for item, fields in values]
-        edit, last = Several(text, edits), self.done[-1] if self.done else None
+        edit = Several(text, edits)
+        last = self.done[-1] if self.done else None
         edit.redo()
         if self._open and isinstance(last, Several) and last is not self._saved and edit.continues(last):
             for old, new in zip(last.edits, edits, strict=True):
@@ -188,8 +192,9 @@ class History:
 
     def _append(self, edit: Edit) -> None:
         self.done.append(edit)
-        if len(self.done) > LONGEST:
-            del self.done[:-LONGEST]
+        if len(self.done) > MOST_EDITS:
+            del self.done[:-MOST_EDITS]
+            # Without the first edits, undoing all of them doesn't lead back to the file that was opened.
             self._saved = UNREACHABLE if self._saved is None else self._saved
         self.undone.clear()
         self._open = False
@@ -226,7 +231,8 @@ class History:
         """Forget all edits, because another scene is shown."""
         self.done.clear()
         self.undone.clear()
-        self._saved, self._open = None, False
+        self._saved = None
+        self._open = False
 
     def __iter__(self) -> Iterator[Edit]:
         """All edits that are done, one by one."""
@@ -242,14 +248,21 @@ def _removals(items: Items[Any], removed: Sequence[Any]) -> list[Presence]:
 
 def _all_or_none(edits: Sequence[Edit], how: str, back: str) -> None:
     """Call the method `how` of each, and after an error the method `back` of those before it."""
-    for number, edit in enumerate(edits):
-        try:
+    done: list[Edit] = []
+    try:
+        for edit in edits:
             getattr(edit, how)()
-        except BaseException:
-            for done in reversed(edits[:number]):
-                with suppress(SolariError):  # the first error is raised
-                    getattr(done, back)()
-            raise
+            done.append(edit)
+    except BaseException:
+        _take_back(done, back)
+        raise
+
+
+def _take_back(edits: Sequence[Edit], back: str) -> None:
+    """Call the method `back` of each, the last one first. Their errors would hide the one that led here."""
+    for edit in reversed(edits):
+        with suppress(SolariError):
+            getattr(edit, back)()
 
 
 def _flat(edits: Iterable[Edit]) -> Iterator[Edit]:

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-PANEL_WIDTH, STATUS_HEIGHT = 340.0, 26.0  # at a scale of 1
+PANEL_WIDTH = 340.0  # in window coordinates, at a scale of 1
+STATUS_HEIGHT = 26.0  # the same
 LARGEST_SHARE = 0.45  # of the window's width that panels take, and of its height that the status line takes
 NARROWEST = 120.0
 
@@ -29,14 +30,13 @@ class Area:
 
     def scaled(self, size: tuple[int, int], pixels: tuple[int, int]) -> Area:
         """The same part of a window in pixels, if this one is in window coordinates and the window has these sizes."""
-        ends = [
-            (round(start * to / max(of, 1)), round((start + length) * to / max(of, 1)))
-            for start, length, of, to in (
-                (self.x, self.width, size[0], pixels[0]),
-                (self.y, self.height, size[1], pixels[1]),
-            )
-        ]
-        (left, right), (top, bottom) = ends
+
+        # Both edges are rounded, not the width: areas that touch in window coordinates touch in pixels too.
+        def to_pixels(place: int, axis: int) -> int:
+            return round(place * pixels[axis] / max(size[axis], 1))
+
+        left, right = to_pixels(self.x, 0), to_pixels(self.x + self.width, 0)
+        top, bottom = to_pixels(self.y, 1), to_pixels(self.y + self.height, 1)
         return Area(left, top, max(right - left, min(1, pixels[0])), max(bottom - top, min(1, pixels[1])))
 
 
@@ -53,6 +53,7 @@ class Layout:
         """For a window of this width and height. scale: of texts. width: of the panels, at a scale of 1."""
         if not panels or 0 in size:
             return cls(Area(0, 0, *size))
+        # A narrow window leaves at least half of itself to the picture.
         side = int(min(max(width, NARROWEST) * scale, LARGEST_SHARE * size[0]))
         foot = int(min(STATUS_HEIGHT * scale, LARGEST_SHARE * size[1]))
         picture = Area(0, 0, size[0] - side, size[1] - foot)

@@ -14,7 +14,7 @@ from solari_vk.scene.checks import ALPHA_MODES
 from solari_vk.scene.material import RANGES, TEXTURES, Material, Texture
 from solari_vk.studio.viewer.actions import act
 from solari_vk.studio.viewer.session import Session
-from solari_vk.studio.viewer.widgets import choose, color, drag, hint, share
+from solari_vk.studio.viewer.widgets import as_edit, choose, color, drag, hint, share
 
 Show = Callable[..., Any]
 GROUPS = {
@@ -49,7 +49,8 @@ class MaterialPanel:
     """Lays out a material. show: gives ImGui a texture, as `OverlayRenderer.show` does."""
 
     def __init__(self, session: Session, show: Show) -> None:
-        self._session, self._show = session, show
+        self._session = session
+        self._show = show
         self._path = ""  # of the file that the user types
         self._shown: dict[str, Texture] = {}  # the texture whose picture each name of `show` has
 
@@ -90,31 +91,28 @@ class MaterialPanel:
     def _edited(self, material: Material, field: str, label: str, value: Any) -> tuple[bool, Any]:
         if field == "emissive":
             return self._emission(value)
-        changed: Any
-        edited: Any
         if isinstance(value, bool):
-            changed, edited = imgui.checkbox(label, value)
-        elif isinstance(value, str):
+            return as_edit(imgui.checkbox(label, value))
+        if isinstance(value, str):
             edited = choose(label, value, ALPHA_MODES)
-            changed = edited != value
-        elif np.shape(value) == (2,):
-            changed, edited = imgui.drag_float2(label, value.tolist(), 1.0, 0.0, 1e4, "%.0f")
-        elif isinstance(value, np.ndarray):
-            changed, edited = color(label, value, 2.5 if field in COLORS_ABOVE_ONE else 1.0)
-        else:
-            low, high = RANGES[field]
-            if (low, high) == (0, 1):
-                changed, edited = share(label, value)
-            else:
-                changed, edited = drag(label, value, low, high)
-        return bool(changed), edited
+            return edited != value, edited
+        if np.shape(value) == (2,):  # iridescence's thickness, in nanometers
+            return as_edit(imgui.drag_float2(label, value.tolist(), 1.0, 0.0, 1e4, "%.0f"))
+        if isinstance(value, np.ndarray):
+            return as_edit(color(label, value, 2.5 if field in COLORS_ABOVE_ONE else 1.0))
+        low, high = RANGES[field]
+        if (low, high) == (0, 1):
+            return as_edit(share(label, value))
+        return as_edit(drag(label, value, low, high))
 
     def _emission(self, value: NDArray[np.float32]) -> tuple[bool, Any]:
         """A color and the radiance of its largest channel."""
+        # A color of 0 to 1 and a number are easier to set than three numbers without a limit.
         strength = float(value.max())
         tint = value / strength if strength > 0 else np.ones(3, np.float32)
         tinted, edited = color("emission", tint)
         changed, strength = drag("cd/m2", strength, 0.0, 1e9)
+        # Whoever chooses a color for a surface that doesn't shine wants to see it.
         if tinted and strength == 0:
             strength = 1.0
         return tinted or changed, np.maximum(edited, 0) * max(strength, 0.0)

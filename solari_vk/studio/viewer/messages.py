@@ -49,6 +49,7 @@ class Messages:
         """Show a user's mistake instead of raising it: as the fault of a place, or else until the next message."""
         try:
             yield
+        # A lost device ends the viewer, and the validation layer's errors are those of the package, not of the user.
         except (DeviceError, ValidationError):
             raise
         except (SolariError, OSError) as error:
@@ -60,4 +61,5 @@ class Messages:
     def end_message(self) -> None:
         """If a message's time is over, show a fault that is not corrected yet, or nothing."""
         if self.message and time.perf_counter() > self._message_ends:
-            self.message, self._message_ends = next(iter(self.faults.values()), ""), float("inf")
+            self.message = next(iter(self.faults.values()), "")
+            self._message_ends = float("inf")

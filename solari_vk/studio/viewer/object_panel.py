@@ -15,7 +15,7 @@ from solari_vk.scene.model import Camera, Instance, Scene
 from solari_vk.scene.observed import Checked
 from solari_vk.studio.viewer.material_panel import MaterialPanel, Show
 from solari_vk.studio.viewer.session import Session
-from solari_vk.studio.viewer.widgets import color, drag, hint
+from solari_vk.studio.viewer.widgets import as_edit, color, drag, hint
 
 AXES = np.eye(3)
 TEMPERATURES = {"candle": 1900, "light bulb": 2700, "halogen": 3200, "noon": 5500, "overcast": 6500, "blue sky": 10000}
@@ -38,12 +38,13 @@ class ObjectPanel:
         if item is None:
             return
         imgui.push_item_width(-7 * imgui.get_font_size())
-        imgui.push_id(id(item) & 0x7FFFFFFF)
+        imgui.push_id(id(item) & 0x7FFFFFFF)  # a C int; so a field that is being typed in isn't that of another object
         imgui.begin_disabled(item in self._session.locked)
         changed, name = imgui.input_text("name", item.name)
         if changed:
             self._session.edit(item, name=name)
-        if others := len(self._session.picked) - 1:
+        others = len(self._session.picked) - 1
+        if others:
             imgui.text_wrapped(f"{others} more picked: handles, arrows, H, F and Delete are for all of them.")
         if isinstance(item, Instance):
             self._instance(item)
@@ -64,8 +65,8 @@ class ObjectPanel:
 
     def _instance(self, instance: Instance) -> None:
         imgui.text_disabled(f"{instance.mesh.describe()}: {len(instance.mesh.triangles):,} triangles")
-        if (pick := self._session.pick) is not None:
-            imgui.text_disabled("at " + ", ".join(f"{x:.4g}" for x in pick.point))
+        if self._session.pick is not None:
+            imgui.text_disabled("at " + ", ".join(f"{x:.4g}" for x in self._session.pick.point))
         self._edit(instance, "visible", imgui.checkbox("visible", instance.visible))
         self._transform(instance)
         changed, label = imgui.input_text("label", instance.label)
@@ -82,6 +83,7 @@ class ObjectPanel:
         transform = item.transform.copy()
         step = max(1e-3 * float(np.linalg.norm(transform[:3, 3])), 5e-3)
         moved, position = imgui.drag_float3("position", transform[:3, 3].tolist(), step, format="%.4g")
+        # Turning and scaling are relative: a transform has no Euler angles of its own, and theirs would jump.
         turned, degrees = imgui.drag_float3("turn by", [0.0] * 3, 0.5, format="%.1f deg")
         scaled, factor = False, 1.0
         if isinstance(item, Instance):
@@ -110,27 +112,25 @@ class ObjectPanel:
             imgui.text_disabled(f"{light.lumens:.4g} lm")
 
     def _field(self, light: Any, field: str) -> tuple[bool, Any] | None:
+        """The widget of a field, and what it returned; None for a field that has no widget."""
         value, label = getattr(light, field), field.replace("_", " ")
-        if unit := "" if isinstance(light, EnvironmentLight) else UNITS.get(field):
-            label = f"{label} ({unit})"
+        # The intensity of an environment isn't in candela: it scales a radiance.
+        if field in UNITS and not isinstance(light, EnvironmentLight):
+            label = f"{label} ({UNITS[field]})"
         if field == "color":
             return color("color", value)
         if isinstance(value, bool):
-            flag = _pair(imgui.checkbox(label, value))
+            edited = as_edit(imgui.checkbox(label, value))
             if field == "blocks_light":
                 hint("The lamp's own sphere stops light. What the lamp lights casts shadows either way.")
-            return flag
+            return edited
         if field in OPTIONAL:
-            on = value is not None
-            switched, on = imgui.checkbox(f"##{label}", on)
-            imgui.same_line()
-            edited, number = drag(label, OPTIONAL[field] if value is None else value, 1e-4, 1e9)
-            return switched or (edited and on), number if on else None
+            return _optional_number(label, value, OPTIONAL[field])
         if field.endswith("_angle") or field == "angular_diameter":
             changed, degrees = imgui.drag_float(label, math.degrees(value), 0.1, 0.0, 180.0, "%.2f deg")
             return changed, math.radians(degrees)
         if np.shape(value) == (3,):
-            return _pair(imgui.drag_float3(label, value.tolist(), 0.01, format="%.4g"))
+            return as_edit(imgui.drag_float3(label, value.tolist(), 0.01, format="%.4g"))
         if isinstance(value, float):
             return drag(label, value, 0.0, 1e15)
         return None
@@ -157,8 +157,7 @@ class ObjectPanel:
         self._transform(camera)
         changed, degrees = imgui.drag_float("field of view", math.degrees(camera.vertical_fov), 0.2, 1, 170, "%.1f deg")
         self._edit(camera, "vertical_fov", (changed, math.radians(degrees)))
-        for field, high in (("ev100", 30.0), ("aperture", 1.0), ("focus_distance", 1e6)):
-            low = -20.0 if field == "ev100" else 0.0 if field == "aperture" else 1e-6
+        for field, low, high in (("ev100", -20.0, 30.0), ("aperture", 0.0, 1.0), ("focus_distance", 1e-6, 1e6)):
             self._edit(camera, field, drag(field.replace("_", " "), getattr(camera, field), low, high))
 
 
@@ -167,5 +166,9 @@ def users_of(scene: Scene, instance: Instance) -> int:
     return sum(other.material is instance.material for other in scene.instances)
 
 
-def _pair(edited: Any) -> tuple[bool, Any]:
-    return bool(edited[0]), edited[1]
+def _optional_number(label: str, value: float | None, default: float) -> tuple[bool, float | None]:
+    """A number that can be switched off. default: what it is when it is switched on."""
+    switched, on = imgui.checkbox(f"##{label}", value is not None)
+    imgui.same_line()
+    edited, number = drag(label, default if value is None else value, 1e-4, 1e9)
+    return bool(switched or (edited and on)), number if on else None

@@ -1,4 +1,4 @@
-"""Fields of the panels."""
+"""Widgets of the panels. Dear ImGui has no widget objects: a call lays one out for this frame and returns its value."""
 
 from __future__ import annotations
 
@@ -8,6 +8,12 @@ from typing import Any
 import numpy as np
 from imgui_bundle import imgui
 from numpy.typing import NDArray
+
+
+def as_edit(returned: Any) -> tuple[bool, Any]:
+    """What ImGui's widgets return, whether the user changed the value and the value, with a type."""
+    changed, value = returned
+    return bool(changed), value
 
 
 def choose(label: str, current: str, choices: Sequence[str]) -> str:
@@ -43,6 +49,7 @@ def share(label: str, value: float) -> tuple[bool, float]:
 
 def drag(label: str, value: float, low: float, high: float, format: str = "%.4g") -> tuple[bool, float]:
     """A number that is dragged in steps of 1 % of itself, within a range."""
+    # A fixed step would be too coarse for millimeters and too fine for kilometers.
     speed = max(0.01 * abs(value), 1e-3 * min(high - low, 1.0))
     edited: tuple[bool, float] = imgui.drag_float(label, value, speed, low, high, format)
     return edited

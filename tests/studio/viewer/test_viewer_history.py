@@ -108,7 +108,7 @@ def test_edits_that_cannot_be_undone_are_forgotten(scene):
 
 
 def test_the_oldest_edits_stay_unsaved(scene, monkeypatch):
-    monkeypatch.setattr("solari_vk.studio.viewer.history.LONGEST", 3)
+    monkeypatch.setattr("solari_vk.studio.viewer.history.MOST_EDITS", 3)
     history = History()
     for value in (0.1, 0.2, 0.3, 0.4):
         history.assign(scene.materials[0], metallic=value)

@@ -183,10 +183,10 @@ def test_the_wheel_changes_the_speed_while_keys_fly(handle, control):
 
 def test_keys_are_released_without_the_focus_and_while_panels_use_them(handle, control):
     handle(press(glfw.KEY_W), press(glfw.KEY_LEFT_SHIFT), Event("focus", pressed=False))
-    assert (control.held, control.fast) == (set(), False)
+    assert (control.pressed, control.fast) == (set(), False)
     handle(press(glfw.KEY_W))
     handle(release(glfw.KEY_W), press(glfw.KEY_S), takes_keys=False)
-    assert not control.held
+    assert not control.pressed
 
 
 # ---- mouse ------------------------------------------------------------------------------------------
@@ -311,7 +311,7 @@ def test_every_action_has_its_key(handle, control, called):
     assert called[5:] == [("help", None), ("close_window", None)]
     handle(Event("text", ord("?")), takes_keys=False)
     assert len(called) == 7
-    assert not control.held, "Ctrl doesn't fly"
+    assert not control.pressed, "Ctrl doesn't fly"
     assert not FLY_KEYS.keys() & {code for code, modifiers in ACTIONS if not modifiers}
 
 

@@ -191,7 +191,7 @@ def test_typing_into_a_field_does_not_fly(open_viewer, replace):
     viewer.run(frames=3)
     viewer.window.events += [Event("key", glfw.KEY_W, True), Event("text", ord("9"))]
     viewer.step()
-    assert not viewer.camera_control.held
+    assert not viewer.camera_control.pressed
     viewer.window.events += [Event("key", glfw.KEY_ENTER, True)]
     viewer.run(frames=2)
     assert getattr(viewer.settings, focused[0].split()[0]) == 9

@@ -152,7 +152,7 @@ def test_real_keys_and_mouse(open_viewer, tmp_path):
     home = viewer.camera_control.home.transform
     for words, holds in (
         ("mousemove 80 60 keydown w", lambda: (viewer.camera.transform[:3, 3] != home[:3, 3]).any()),
-        ("keyup w", lambda: not viewer.camera_control.held),
+        ("keyup w", lambda: not viewer.camera_control.pressed),
         ("key r", lambda: (viewer.camera.transform == home).all()),
         ("click 1", lambda: viewer.pick is not None),
         ("mousedown 1 mousemove 110 60", lambda: (viewer.camera.transform[:3, :3] != home[:3, :3]).any()),
