@@ -129,8 +129,8 @@ class History:
         edit.redo()
         # The object may have converted or clamped the values: redoing must give what it has now.
         edit.after = _snapshot_of(item, fields)
-        # While a slider is dragged, each frame assigns: together they are one edit. The last edit before saving is never
-        # changed, since `unsaved` compares by it.
+        # While a slider is dragged, each frame assigns: together they are one edit. The last edit before saving is
+        # never changed, since `unsaved` compares by it.
         last = self.done[-1] if self.done else None
         if self._open and isinstance(last, Assignment) and edit.continues(last) and last is not self._saved:
             last.after = edit.after

@@ -22,7 +22,8 @@ from solari_vk.studio.viewer.pictures import meter_exposure
 from solari_vk.studio.viewer.session import Session
 
 MAPS = (".hdr", ".exr", ".png", ".jpg", ".jpeg")
-RECENT, MOST_RECENT = "recent-files", 12
+RECENT = "recent-files"  # in the disk cache
+MOST_RECENT = 12
 MOST_LISTED = 200  # files of a folder
 
 
@@ -36,6 +37,7 @@ def open_file(session: Session, path: Path) -> None:
 
     Raises SolariError for a file that can't be read; everything then stays as it was.
     """
+    # Built-in scenes have names such as builtin:cornell_box, which are no paths.
     source = path if str(path).startswith("builtin:") else Path(os.path.abspath(path))
     loaded, picture = open_scene(str(source)), session.layout.picture
     camera = dataclasses.replace(loaded.camera_for(picture.width / max(picture.height, 1)))
@@ -52,6 +54,7 @@ def add_file(session: Session, path: Path) -> None:
     """Add what is in a file to the scene."""
     scene, loaded = session.scene, load(path)
     holders: tuple[Items[Any], ...] = (scene.instances, scene.lights)
+    # The file is in the scene before the edit is recorded: adding assigns names, and an error leaves nothing to undo.
     before = [len(items) for items in holders]
     group = scene.add(loaded, name=path.stem)
     edits = [
@@ -71,6 +74,7 @@ def surround(session: Session, kind: str) -> None:
     if kind == "none":
         made = None
     elif kind == "studio":
+        # 2^EV100 cd/m^2 is about white at the camera's exposure; walls of a studio are a fifth of that.
         made = studio_environment(0.2 * 2.0**camera.ev100)
         made.update(rotation=heading(camera))
     elif kind == "sky":

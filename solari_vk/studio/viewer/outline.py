@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from solari_vk.scene.model import Instance
 from solari_vk.studio.viewer.pictures import Pictures
 
-COLOR = (255, 160, 40, 255)
+COLOR = (255, 160, 40, 255)  # sRGB and alpha
 
 
 def covered(pictures: Pictures, instances: Sequence[Instance]) -> NDArray[np.bool_] | None:
@@ -23,6 +23,7 @@ def covered(pictures: Pictures, instances: Sequence[Instance]) -> NDArray[np.boo
         numbers = pictures.reference.tracer["instance_id"]
     else:
         assert pictures.realtime is not None
+        # The G-buffer's depth is near / distance, 0 for the background, whose surface is left from earlier frames.
         numbers = pictures.realtime["gbuffer_surface"][..., 1]
         numbers = np.where(pictures.realtime["gbuffer_depth"][..., 0] > 0, numbers, np.uint32(0xFFFFFFFF))
     rows = [row for row, other in pictures.binder.instances.items() if any(other is instance for instance in instances)]
@@ -32,6 +33,7 @@ def covered(pictures: Pictures, instances: Sequence[Instance]) -> NDArray[np.boo
 
 def outline(inside: NDArray[np.bool_]) -> NDArray[np.uint8]:
     """An image (height, width, 4) that is COLOR in the pixels around those inside, and transparent elsewhere."""
+    # Dilation by one pixel in four directions, without what is inside.
     padded = np.pad(inside, 1)
     near = padded[:-2, 1:-1] | padded[2:, 1:-1] | padded[1:-1, :-2] | padded[1:-1, 2:]
     image = np.zeros((*inside.shape, 4), np.uint8)
@@ -54,11 +56,14 @@ class Outline:
     def update(self, pictures: Pictures, instances: Sequence[Instance]) -> bool:
         """Look for the outline if what is shown or picked has changed; returns whether `image` did."""
         if not instances or pictures.camera is None:
-            changed, self.image, self._key = self.image is not None, None, None
+            changed = self.image is not None
+            self.image = None
+            self._key = None
             return changed
         key = tuple(map(id, instances)), pictures.rendered_size, pictures.view_key(pictures.camera)
         if key == self._key:
             return False
         inside = covered(pictures, instances)
-        self._key, self.image = key, None if inside is None else outline(inside)
+        self._key = key
+        self.image = None if inside is None else outline(inside)
         return True

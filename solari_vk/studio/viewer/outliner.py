@@ -54,6 +54,7 @@ class Outliner:
     def _list(self, title: str, items: Sequence[Any]) -> None:
         if not items:
             return
+        # ### makes the rest the whole identity, so that the tree stays open when the number before it changes.
         if imgui.tree_node_ex(f"{title} ({len(items)})###{title}", imgui.TreeNodeFlags_.default_open):
             wanted = self._filter.strip().lower()
             named = ((item.name or f"{title[:-1]} {number}", item) for number, item in enumerate(items))
@@ -67,16 +68,35 @@ class Outliner:
             imgui.tree_pop()
 
     def _row(self, name: str, item: Any) -> None:
-        session, locked = self._session, item in self._session.locked
-        if isinstance(item, Instance):
-            if toggle(f"{SHOWN if item.visible else HIDDEN}##shown", item.visible, "Show or hide (H)."):
-                session.edit(item, visible=not item.visible)
-        else:
+        self._visibility(item)
+        imgui.same_line()
+        self._lock(item)
+        imgui.same_line()
+        self._name(name, item)
+
+    def _visibility(self, item: Any) -> None:
+        """A button that shows or hides an instance; for others a space as wide, so that names stand in a column."""
+        if not isinstance(item, Instance):
             imgui.dummy(imgui.calc_text_size(SHOWN))
-        imgui.same_line()
-        if toggle(f"{LOCKED if locked else FREE}##lock", locked, "Lock: clicks don't pick it, and nothing edits it."):
-            (session.locked.discard if locked else session.locked.add)(item)
-        imgui.same_line()
+            return
+        # What stands behind ## is a widget's identity and isn't shown: the icon may change under the mouse.
+        icon = SHOWN if item.visible else HIDDEN
+        if toggle(f"{icon}##shown", item.visible, "Show or hide (H)."):
+            self._session.edit(item, visible=not item.visible)
+
+    def _lock(self, item: Any) -> None:
+        locked = self._session.locked
+        icon = LOCKED if item in locked else FREE
+        if not toggle(f"{icon}##lock", item in locked, "Lock: clicks don't pick it, and nothing edits it."):
+            return
+        if item in locked:
+            locked.discard(item)
+        else:
+            locked.add(item)
+
+    def _name(self, name: str, item: Any) -> None:
+        """The name, which picks the item; a double click looks through a camera."""
+        session = self._session
         dim = isinstance(item, Instance) and not item.visible
         if dim:
             imgui.push_style_color(imgui.Col_.text, imgui.get_style_color_vec4(imgui.Col_.text_disabled))

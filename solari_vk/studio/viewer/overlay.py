@@ -23,6 +23,7 @@ from solari_vk.studio.viewer.swapchain import Swapchain
 from solari_vk.studio.viewer.theme import apply_theme, scale_theme
 from solari_vk.studio.viewer.window import Event
 
+MOUSE_BUTTONS = 5  # that ImGui knows
 MARGIN = 8  # of the message, in window coordinates
 DOCKED = (
     imgui.WindowFlags_.no_title_bar
@@ -32,11 +33,17 @@ DOCKED = (
     | imgui.WindowFlags_.no_saved_settings
     | imgui.WindowFlags_.no_bring_to_front_on_focus
 )
-# GLFW's and ImGui's names of keys differ only in these two points, and for keys that text fields don't use.
+
+
+def _glfw_name(name: str) -> str:
+    """GLFW's name of a key of ImGui. They differ in these two points, and for keys that text fields don't use."""
+    return "KEY_" + name.removesuffix("_arrow").replace("keypad", "kp").upper()
+
+
 _KEYS = {
-    getattr(glfw, code): key
+    getattr(glfw, _glfw_name(name)): key
     for name, key in imgui.Key.__members__.items()
-    if hasattr(glfw, code := "KEY_" + name.removesuffix("_arrow").replace("keypad", "kp").upper())
+    if hasattr(glfw, _glfw_name(name))
 }
 _MODIFIERS = {
     getattr(glfw, f"MOD_{name}"): getattr(imgui.Key, f"mod_{short}")
@@ -52,12 +59,14 @@ class Overlay:
         self._context: Any = imgui.create_context()
         imgui.set_current_context(self._context)
         io = imgui.get_io()
-        io.set_ini_filename("")
+        io.set_ini_filename("")  # ImGui would write imgui.ini into the user's folder
         apply_theme()
         self._scale = 1.0
         self._renderer = OverlayRenderer(session.device)
-        self._decorations, self._gizmo = Decorations(session, self._renderer), Gizmo(session)
-        self._panels, self._probe = Panels(session, self._renderer.show), Probe(session)
+        self._decorations = Decorations(session, self._renderer)
+        self._gizmo = Gizmo(session)
+        self._panels = Panels(session, self._renderer.show)
+        self._probe = Probe(session)
         self._laid_out = False
         platform = imgui.get_platform_io()
         platform.platform_get_clipboard_text_fn = lambda _: session.window.clipboard
@@ -67,25 +76,32 @@ class Overlay:
 
     def handle_events(self, events: Iterable[Event]) -> tuple[bool, bool]:
         """Pass events to the panels; returns whether the keys and whether the mouse are left to the viewer."""
+        # ImGui has one current context for the process, and two viewers have one each: every entry sets its own.
         imgui.set_current_context(self._context)
         io = imgui.get_io()
         for event in events:
-            if event.kind == "cursor":
-                io.add_mouse_pos_event(event.x, event.y)
-            elif event.kind == "button" and event.code < 5:
-                io.add_mouse_button_event(event.code, event.pressed)
-            elif event.kind == "scroll":
-                io.add_mouse_wheel_event(event.x, event.y)
-            elif event.kind == "text":
-                io.add_input_character(event.code)
-            elif event.kind == "focus":
-                io.add_focus_event(event.pressed)
-            elif event.kind == "key":
-                for bit, key in _MODIFIERS.items():
-                    io.add_key_event(key, bool(event.modifiers & bit))
-                if event.code in _KEYS:
-                    io.add_key_event(_KEYS[event.code], event.pressed)
+            match event.kind:
+                case "cursor":
+                    io.add_mouse_pos_event(event.x, event.y)
+                case "button" if event.code < MOUSE_BUTTONS:
+                    io.add_mouse_button_event(event.code, event.pressed)
+                case "scroll":
+                    io.add_mouse_wheel_event(event.x, event.y)
+                case "text":
+                    io.add_input_character(event.code)
+                case "focus":
+                    io.add_focus_event(event.pressed)
+                case "key":
+                    self._handle_key(io, event)
+        # These flags are those of the latest frame that was laid out. ImGuizmo isn't a window, so ImGui doesn't know
+        # that it wants the mouse.
         return not io.want_text_input, not (io.want_capture_mouse or self._gizmo.busy)
+
+    def _handle_key(self, io: Any, event: Event) -> None:
+        for bit, key in _MODIFIERS.items():
+            io.add_key_event(key, bool(event.modifiers & bit))
+        if event.code in _KEYS:
+            io.add_key_event(_KEYS[event.code], event.pressed)
 
     # ---- a frame ------------------------------------------------------------------------------------
 
@@ -96,7 +112,7 @@ class Overlay:
         size, pixels = session.window.size, session.window.pixels
         io.display_size = imgui.ImVec2(*size)
         io.display_framebuffer_scale = imgui.ImVec2(pixels[0] / max(size[0], 1), pixels[1] / max(size[1], 1))
-        io.delta_time = max(seconds, 1e-4)
+        io.delta_time = max(seconds, 1e-4)  # ImGui refuses 0
         scale = session.window.text_scale
         scale_theme(scale / self._scale, scale)
         self._scale = scale
@@ -116,7 +132,7 @@ class Overlay:
             if not (imgui.is_any_item_active() or self._gizmo.drags):
                 session.history.end_gesture()
         finally:
-            imgui.end_frame()
+            imgui.end_frame()  # also after an error: ImGui allows no new_frame before the last one is ended
         imgui.render()
         self._laid_out = True
 

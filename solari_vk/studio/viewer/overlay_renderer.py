@@ -34,9 +34,12 @@ class OverlayRenderer:
         self.device = device
         self._pipeline: _Pipeline | None = None
         self._broken = False  # a shader has an error; compiling it again in each frame would be slow
+        # By the number that ImGui's draw commands name a texture by; 0 is none.
         self._textures: dict[int, tuple[Image, DescriptorSets]] = {}
         self._named: dict[str, int] = {}  # the textures of `show`
         self._buffers: dict[tuple[str, int], Buffer] = {}  # by name and by the swapchain's slot
+        # ImGui then makes and changes its fonts' textures as texts need them, and may number the vertices of large
+        # lists from an offset.
         io = imgui.get_io()
         io.backend_flags |= imgui.BackendFlags_.renderer_has_textures | imgui.BackendFlags_.renderer_has_vtx_offset
 
@@ -59,6 +62,7 @@ class OverlayRenderer:
         if buffer is None or buffer.size < size:
             if buffer is not None:
                 buffer.destroy()
+            # Twice the size, so that a panel that opens slowly doesn't make a buffer in each frame.
             buffer = self.device.buffer(max(2 * size, 1 << 16), f"overlay {name}", host=True)
             self._buffers[name, slot] = buffer
         return buffer
@@ -67,11 +71,12 @@ class OverlayRenderer:
         """Make the pipeline for a format if there is none yet; returns False if it can't be made."""
         if self._pipeline is not None and self._pipeline.format == format:
             return True
-        if not self._broken:
-            self._broken = True
-            self._make_pipeline(format)
-            self._broken = False
-        return not self._broken
+        if self._broken:
+            return False
+        self._broken = True  # stays so if the next line raises an error
+        self._make_pipeline(format)
+        self._broken = False
+        return True
 
     def _make_pipeline(self, format: int) -> None:
         """Replace the pipeline and its descriptor sets. The old ones stay in use after an error."""
@@ -116,7 +121,9 @@ class OverlayRenderer:
         first_index: int,
         first_vertex: int,
     ) -> None:
-        texture, clip = self._textures.get(command.get_tex_id()), command.clip_rect
+        texture = self._textures.get(command.get_tex_id())
+        clip = command.clip_rect
+        # Clip rectangles are in window coordinates; Vulkan's scissors are in pixels and inside of the image.
         left, right = (int(min(max(x * factor.x, 0), extent[0])) for x in (clip.x, clip.z))
         top, bottom = (int(min(max(y * factor.y, 0), extent[1])) for y in (clip.y, clip.w))
         if texture is None or right <= left or bottom <= top:
@@ -138,6 +145,7 @@ class OverlayRenderer:
             if texture.status in (status.want_create, status.want_updates):
                 self._upload(texture)
                 texture.set_status(status.ok)
+            # A texture that the latest frame used may still be drawn.
             elif texture.status == status.want_destroy and texture.unused_frames > 0:
                 self._destroy(texture.get_tex_id())
                 texture.set_tex_id(0)
@@ -158,18 +166,22 @@ class OverlayRenderer:
         """
         if self._pipeline is None:
             return None
-        number = self._named.get(name)
         if pixels is not None:
             height, width = pixels.shape[:2]
-            if number is not None:
-                image = self._textures[number][0]
-                if (image.width, image.height) != (width, height):
-                    self.forget(name)
-                    number = None
-            if number is None:
-                self._named[name] = number = self._make_texture(width, height)
-            self._textures[number][0].upload([pixels])
+            if self._size_of(name) != (width, height):
+                self.forget(name)
+                self._named[name] = self._make_texture(width, height)
+            image, _ = self._textures[self._named[name]]
+            image.upload([pixels])
+        number = self._named.get(name)
         return None if number is None else imgui.ImTextureRef(number)
+
+    def _size_of(self, name: str) -> tuple[int, int] | None:
+        """The width and height of a texture of `show`, None if there is none."""
+        if name not in self._named:
+            return None
+        image, _ = self._textures[self._named[name]]
+        return image.width, image.height
 
     def forget(self, name: str) -> None:
         """Free a texture of `show`."""

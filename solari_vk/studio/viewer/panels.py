@@ -26,7 +26,7 @@ from solari_vk.studio.viewer.session import Session
 from solari_vk.studio.viewer.widgets import choose, edit_on_enter, hint
 
 HISTORY = 120  # frames in a plot
-SLOW_INTERVAL = 0.5  # seconds between two updates of the figures that need a wait for the device
+FIGURES_INTERVAL = 0.5  # seconds between two updates of the figures that need a wait for the device
 OPEN = imgui.TreeNodeFlags_.default_open
 
 
@@ -35,12 +35,14 @@ class Panels:
 
     def __init__(self, session: Session, show: Show) -> None:
         self._session = session
-        self._files, self._outliner = FilePanel(session), Outliner(session)
-        self._object, self._environment = ObjectPanel(session, show), EnvironmentPanel(session)
-        self._times: dict[str, Any] = {}
-        self._slow: list[str] = []
-        self._slow_at = 0.0
-        self._rays = (0.0, 0)
+        self._files = FilePanel(session)
+        self._outliner = Outliner(session)
+        self._object = ObjectPanel(session, show)
+        self._environment = EnvironmentPanel(session)
+        self._times: dict[str, Any] = {}  # the latest milliseconds of each pass
+        self._figures: list[str] = []
+        self._figures_at = 0.0
+        self._rays = (0.0, 0)  # when rays were counted last, and how many there were
 
     def lay_out(self) -> None:
         """Lay out everything, from top to bottom."""
@@ -55,7 +57,7 @@ class Panels:
             self._picture()
         if self._session.player.clip is not None and imgui.collapsing_header("Animation", OPEN):
             self._animation()
-        self._note_times()
+        self._append_times()  # also while the header is closed, so that it opens with a full plot
         if imgui.collapsing_header("Time"):
             self._time()
         if imgui.collapsing_header("Settings"):
@@ -67,7 +69,8 @@ class Panels:
         session, pictures = self._session, self._session.pictures
         pictures.mode = choose("mode", pictures.mode, MODES)
         pictures.view = choose("view", pictures.view, views_of(session.settings.lighting))
-        hint(DEBUG_VIEWS[pictures.view] + ", of realtime pictures alone" * (pictures.mode == "reference"))
+        limited = ", of realtime pictures alone" if pictures.mode == "reference" else ""
+        hint(DEBUG_VIEWS[pictures.view] + limited)
         pictures.tonemap = choose("tone mapping", pictures.tonemap, TONEMAPS)
         camera = session.camera
         changed, value = imgui.slider_float("EV100", camera.ev100, -10, 20)
@@ -92,8 +95,8 @@ class Panels:
             imgui.set_next_item_width(7 * imgui.get_font_size())
             refinement.samples = max(edit_on_enter("samples", refinement.samples, imgui.input_int), 0)
             hint("Samples per pixel after which the path tracer's picture is finished; 0: never.")
-        self._update_slow()
-        for text in self._slow:
+        self._update_figures()
+        for text in self._figures:
             imgui.text_wrapped(text)
         for label, action in (("screenshot", "screenshot"), ("reset camera", "reset"), ("keys", "help")):
             if imgui.button(label):
@@ -101,33 +104,53 @@ class Panels:
             imgui.same_line()
         imgui.new_line()
 
-    def _update_slow(self) -> None:
+    def _update_figures(self) -> None:
         """Read the figures that need a wait for the device, from time to time."""
         now = time.perf_counter()
-        if now - self._slow_at < SLOW_INTERVAL:
+        if now - self._figures_at < FIGURES_INTERVAL:
             return
-        self._slow_at, self._slow = now, []
+        self._figures_at = now
         pictures = self._session.pictures
-        if not pictures.ready:
-            return
-        for name, (error, mean) in errors(pictures).items():
-            self._slow.append(f"{name}: error {100 * error:.1f} %, mean radiance {100 * mean:+.1f} %")
+        self._figures = []
+        if pictures.ready:
+            self._figures = [*self._errors(), *self._samples(), *self._ray_rate(now), *self._cache_use()]
+
+    def _errors(self) -> list[str]:
+        """How far pictures side by side are from each other."""
+        found = [
+            f"{name}: error {100 * error:.1f} %, mean radiance {100 * mean:+.1f} %"
+            for name, (error, mean) in errors(self._session.pictures).items()
+        ]
         if self._session.beside is not None:
-            apart = self._session.beside.difference(self._session.camera.exposure)
-            self._slow += [f"{name}: {value:.4g}" for name, value in apart.items()]
-        if pictures.reference is not None and pictures.mode != "realtime":
-            self._slow.append(f"reference: {pictures.reference.tracer.samples} samples a pixel")
-        count = pictures.ray_count()
-        before, self._rays = self._rays, (now, count)
-        if count > before[1] and before[0]:
-            self._slow.append(f"{(count - before[1]) / (now - before[0]) / 1e6:.2f} million rays/s")
-        if pictures.realtime is not None and pictures.mode != "reference":
-            cells = int(pictures.realtime["world_cache/active_cells"])
-            failures = int(pictures.realtime["world_cache/insert_failures"])
-            share = 100 * cells / self._session.settings.world_cache_cells
-            self._slow.append(f"world cache: {share:.1f} % full")
-            if failures:
-                self._slow.append(f"no room for the light of {failures:,} places: raise world_cache_cells in Settings")
+            difference = self._session.beside.difference(self._session.camera.exposure)
+            found += [f"{name}: {value:.4g}" for name, value in difference.items()]
+        return found
+
+    def _samples(self) -> list[str]:
+        pictures = self._session.pictures
+        if pictures.reference is None or pictures.mode == "realtime":
+            return []
+        return [f"reference: {pictures.reference.tracer.samples} samples a pixel"]
+
+    def _ray_rate(self, now: float) -> list[str]:
+        """The rays since the latest look; nothing if they weren't counted, or if a counter began again."""
+        count = self._session.pictures.ray_count()
+        seconds_before, count_before = self._rays
+        self._rays = (now, count)
+        if count <= count_before or not seconds_before:
+            return []
+        return [f"{(count - count_before) / (now - seconds_before) / 1e6:.2f} million rays/s"]
+
+    def _cache_use(self) -> list[str]:
+        pictures = self._session.pictures
+        if pictures.realtime is None or pictures.mode == "reference":
+            return []
+        cells = int(pictures.realtime["world_cache/active_cells"])
+        failures = int(pictures.realtime["world_cache/insert_failures"])
+        found = [f"world cache: {100 * cells / self._session.settings.world_cache_cells:.1f} % full"]
+        if failures:
+            found.append(f"no room for the light of {failures:,} places: raise world_cache_cells in Settings")
+        return found
 
     # ---- animation ----------------------------------------------------------------------------------
 
@@ -149,12 +172,13 @@ class Panels:
 
     # ---- time ---------------------------------------------------------------------------------------
 
-    def _note_times(self) -> None:
+    def _append_times(self) -> None:
         timings = self._session.timings
         for name, milliseconds in {"all passes": sum(timings.values()), **timings}.items():
             history = self._times.setdefault(name, np.zeros(HISTORY, np.float32))
             history[:-1] = history[1:]
             history[-1] = milliseconds
+        # Other settings have other passes.
         for name in self._times.keys() - timings.keys() - {"all passes"}:
             del self._times[name]
 

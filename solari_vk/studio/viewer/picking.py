@@ -35,6 +35,7 @@ def pick_at(pictures: Pictures, x: float, y: float) -> Pick | None:
         index, point = tracer["instance_id"][pixel], tracer["position"][pixel]
     else:
         assert pictures.realtime is not None
+        # The G-buffer has near / distance along the view axis, and 0 for the background.
         depths = pictures.realtime["gbuffer_depth"][..., 0]
         height, width = depths.shape
         row, column = int(y * height), int(x * width)
@@ -78,11 +79,12 @@ def seen_distance(pictures: Pictures) -> float | None:
 
 def realtime_distance(renderer: Renderer, camera: Camera) -> float | None:
     """As `seen_distance`, in the latest frame of a renderer, which had this camera."""
-    with np.errstate(divide="ignore"):
+    with np.errstate(divide="ignore"):  # the background, 0, is infinitely far away
         return _middle(camera.near / renderer["gbuffer_depth"][..., 0])
 
 
 def _middle(depth: NDArray[np.floating[Any]]) -> float | None:
+    # The median doesn't mind a fence or a window frame before what the user looks at.
     height, width = depth.shape
     distance = float(np.median(depth[height // 3 : height - height // 3, width // 3 : width - width // 3]))
     return distance if np.isfinite(distance) else None

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from solari_vk.base.errors import SolariError, quoted
 from solari_vk.bound.binder import SceneBinder
 from solari_vk.gpu.device.device import Device
+from solari_vk.gpu.device.image import Image
 from solari_vk.output.tone_mapping import TONEMAPS
 from solari_vk.passes.debug_views import DEBUG_VIEWS, PICTURE, views_of
 from solari_vk.renderers.dispatch_size import MAX_SAMPLES
@@ -51,8 +52,13 @@ class Pictures:
     ) -> None:
         self._owns_binder = isinstance(scene, Scene)
         self.binder = SceneBinder(device, scene) if isinstance(scene, Scene) else scene
-        self.device, self.scene, self.settings, self.seed = device, self.binder.scene, settings, seed
-        self.mode, self.view, self.tonemap = mode, PICTURE, "agx"
+        self.device = device
+        self.scene = self.binder.scene
+        self.settings = settings
+        self.seed = seed
+        self.mode = mode
+        self.view = PICTURE
+        self.tonemap = "agx"
         self.divider = 0.5
         self.counts_rays = False
         self.most_samples = MAX_SAMPLES
@@ -124,30 +130,43 @@ class Pictures:
         The path tracer adds one sample per pixel while the camera moves and in the mode "split", so that frames are
         short, and otherwise as many as fill a dispatch.
         """
-        if self.view not in DEBUG_VIEWS or self.tonemap not in TONEMAPS:
-            raise SolariError(f"the viewer has no view {quoted(self.view)} or no tone mapping {quoted(self.tonemap)}")
+        self._check_choices()
         self.binder.update()  # raises an error in the scene here, so that the size isn't taken for its cause
-        moved = self.most_bands is None and (self.camera is None or (self.camera.transform != camera.transform).any())
+        moved = self.most_bands is None and self._has_moved(camera)
         self.is_short = moved or self.mode != "reference"
-        self.camera = None
+        self.camera = None  # until the frame has succeeded
         wanted = Build.of(pixels, scale, self.counts_rays and self.mode != "reference")
         build = self._build if wanted == self._refused else wanted
         failing = "realtime"
         try:
-            if self.mode != "reference" and not (self.keeps_realtime and self._is_built("realtime", build)):
+            if self.mode != "reference":
                 self._render_realtime(camera, build)
             if self.mode != "realtime":
                 failing = "reference"
                 self._render_reference(camera, build)
             self._render_raw(camera)
         except SolariError:
-            if not self._is_built(failing, build) and self._build != Build() and build != self._build:
+            if self._refuses_build(failing, build):
                 self._refused = wanted
             raise
         self._build = build
         if wanted == build:
             self._refused = None
         self.camera = dataclasses.replace(camera)
+
+    def _check_choices(self) -> None:
+        if self.view not in DEBUG_VIEWS or self.tonemap not in TONEMAPS:
+            raise SolariError(f"the viewer has no view {quoted(self.view)} or no tone mapping {quoted(self.tonemap)}")
+
+    def _has_moved(self, camera: Camera) -> bool:
+        """Whether the latest frame had another pose, or failed."""
+        return self.camera is None or bool((self.camera.transform != camera.transform).any())
+
+    def _refuses_build(self, failing: str, build: Build) -> bool:
+        """Whether an error in a renderer comes from the build, and further frames go on with the last one."""
+        # The renderer that failed has what the build asks for: then something else is wrong. Without an earlier build
+        # there is nothing to go on with, and each frame tries again.
+        return not self._is_built(failing, build) and self._build != Build() and build != self._build
 
     def view_key(self, camera: Camera) -> Hashable:
         """What the picture depends on but for its size, the settings, the exposure and the tone mapping: when it
@@ -193,6 +212,8 @@ class Pictures:
         return self._upscaling.settings.upscale
 
     def _render_realtime(self, camera: Camera, build: Build) -> None:
+        if self.keeps_realtime and self._is_built("realtime", build):
+            return
         settings = self._upscaling.follow(self.settings, build.upscale)
         if self.realtime is None or self.realtime.count_rays != build.counts_rays:
             made = Renderer(
@@ -205,7 +226,8 @@ class Pictures:
             self.realtime.resize(build.realtime)
         if self.realtime.between != self.interrupted:
             self.realtime.between = self.interrupted
-        self.realtime.view, self.realtime.tonemap = self.view, self.tonemap
+        self.realtime.view = self.view
+        self.realtime.tonemap = self.tonemap
         self.realtime.render(camera)
         self._made_upscale = build.upscale
 
@@ -228,8 +250,8 @@ class Pictures:
     @property
     def _shows_raw(self) -> bool:
         """Whether the picture has a raw one beside it."""
-        settings, made = self.settings, self.realtime is not None and "raw_radiance" in self.realtime.outputs
-        return made and self.mode == "split" and self.view == PICTURE and settings.denoise
+        has_raw = self.realtime is not None and "raw_radiance" in self.realtime.outputs
+        return has_raw and self.mode == "split" and self.view == PICTURE and self.settings.denoise
 
     def _render_raw(self, camera: Camera) -> None:
         if not self._shows_raw:
@@ -258,9 +280,11 @@ class Pictures:
     @property
     def ready(self) -> bool:
         """Whether there is a picture to show in this mode."""
-        realtime = self.realtime is not None and self.realtime.frame_count > 0
-        reference = self.reference is not None and self.reference.mean_samples > 0
-        return {"realtime": realtime, "reference": reference, "split": realtime and reference}[self.mode]
+        has_realtime = self.realtime is not None and self.realtime.frame_count > 0
+        has_reference = self.reference is not None and self.reference.mean_samples > 0
+        if self.mode == "split":
+            return has_realtime and has_reference
+        return has_realtime if self.mode == "realtime" else has_reference
 
     @property
     def whole(self) -> bool:
@@ -279,20 +303,30 @@ class Pictures:
 
     def parts(self) -> list[Part]:
         """The parts of images that make up the latest picture; an empty list before the first frame."""
-        realtime = self.realtime.resource("display") if self.realtime and self.realtime.frame_count else None
-        raw = None if self._raw is None else self._raw.display
-        reference = None if self.reference is None else self.reference.display
-        images = {"realtime": realtime, "denoised": realtime, "raw": raw, "reference": reference}
+        images = self._images()
+        if self.previews and "reference" in images:
+            return [Part(images["reference"])]
         columns = self.columns()
-        shown = {name: image for name in columns if (image := images[name]) is not None}
-        if self.previews and reference is not None:
-            return [Part(reference)]
-        if len(shown) < len(columns):
-            return [] if realtime is None or self.mode == "reference" else [Part(realtime)]
+        if not columns.keys() <= images.keys():
+            # In the mode "split" the realtime picture stands alone until the path tracer's is there.
+            return [Part(images["realtime"])] if "realtime" in images and self.mode != "reference" else []
         # The smallest image's columns are the finest borders that all images have.
-        texels = min(image.width for image in shown.values())
-        at = {name: [round(share * texels) / texels for share in columns[name]] for name in shown}
-        return [Part(image, *at[name]) for name, image in shown.items()]
+        texels = min(images[name].width for name in columns)
+        return [
+            Part(images[name], round(begin * texels) / texels, round(end * texels) / texels)
+            for name, (begin, end) in columns.items()
+        ]
+
+    def _images(self) -> dict[str, Image]:
+        """The images that there are, by the names of `columns`."""
+        found = {}
+        if self.realtime is not None and self.realtime.frame_count:
+            found["realtime"] = found["denoised"] = self.realtime.resource("display")
+        if self._raw is not None:
+            found["raw"] = self._raw.display
+        if self.reference is not None:
+            found["reference"] = self.reference.display
+        return found
 
     def pixels(self) -> NDArray[np.uint8]:
         """The latest picture as it is shown, (height, width, 3), at the size of the largest image in it."""
@@ -300,7 +334,9 @@ class Pictures:
 
     def radiance(self) -> NDArray[np.float32]:
         """Radiance (height, width, 3) of the latest picture, in cd/m^2; in the mode "split" of the realtime one."""
-        source: Any = self.reference and self.reference.tracer if self.mode == "reference" else self.realtime
+        source: Any = self.realtime
+        if self.mode == "reference":
+            source = self.reference and self.reference.tracer
         if source is None:
             raise SolariError("there is no picture yet")
         found: NDArray[np.float32] = source["radiance"]

@@ -46,6 +46,7 @@ class Player:
         if clip is None:
             return
         self.seconds = seconds % clip.duration if clip.duration > 0 else 0.0
+        # An edit may have made a pose impossible. Playing on would raise the error in each frame.
         try:
             clip.apply(self._scene, self.seconds)
         except BaseException:

@@ -41,6 +41,7 @@ class Part:
 
     def columns(self, width: int, min_count: int = 0) -> tuple[int, int]:
         """The part's columns in an image of this width: the first, and one past the last; at least `min_count`."""
+        # A blit from an empty region is invalid, even where it is stretched over a few columns of the target.
         begin, end = min(round(self.begin * width), width - min_count), round(self.end * width)
         return begin, max(end, begin + min_count)
 
@@ -50,7 +51,8 @@ def pixels_of(parts: Sequence[Part]) -> NDArray[np.uint8]:
     parts."""
     if not parts:
         raise SolariError("there is no picture yet")
-    width, height = (max(sizes) for sizes in zip(*((p.image.width, p.image.height) for p in parts), strict=True))
+    width = max(part.image.width for part in parts)
+    height = max(part.image.height for part in parts)
     found = []
     for part in parts:
         rows = np.arange(height) * part.image.height // height
@@ -96,7 +98,9 @@ class Presenter:
         finally:
             for target in targets:
                 target.destroy()
-        return pixels[..., ::-1].copy() if self.swapchain.format == raw.VK_FORMAT_B8G8R8A8_UNORM else pixels
+        if self.swapchain.format == raw.VK_FORMAT_B8G8R8A8_UNORM:
+            return pixels[..., ::-1].copy()
+        return pixels
 
     def _show(self, parts: Sequence[Part], draw: Draw, new_target: Callable[[], Buffer | None]) -> bool:
         index = self.swapchain.acquire()
@@ -120,6 +124,7 @@ class Presenter:
         vk.vkResetCommandBuffer(commands, 0)  # an error may have interrupted the last recording
         vk.vkBeginCommandBuffer(commands, raw.struct("VkCommandBufferBeginInfo"))
         vk.vkCmdPipelineBarrier2(commands, full_barrier())  # the renderers wrote the parts
+        # From "undefined": what the image held is of no use, and it may be a new image.
         vk.vkCmdPipelineBarrier2(commands, layout_barrier(shown, _UNDEFINED, _TARGET))
         area = self._area_in(width, height)
         if not parts or area != Area(0, 0, width, height):

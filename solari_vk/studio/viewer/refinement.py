@@ -6,8 +6,9 @@ import time
 from collections.abc import Callable, Hashable
 
 REST = 6  # frames without a change after which the full size is rendered
-FRAMES = 64  # of the full size after which a realtime picture is finished,
-LEAST_FRAMES, PATIENCE = 8, 30.0  # or so many, if they take longer than these seconds: a frame can't be interrupted
+FRAMES = 64  # of the full size after which a realtime picture is finished
+LEAST_FRAMES = 8  # of the full size after which it is finished if they took longer than PATIENCE
+PATIENCE = 30.0  # seconds: on a software device a frame of the full size takes some
 SAMPLES = 256  # per pixel after which a path-traced picture is finished
 HIDDEN = 4  # frames, or samples per pixel, of the full size that look worse than what was shown before
 LONGEST_STEP = 0.12  # seconds that a step of a full-size picture should take, so that the window answers
@@ -95,8 +96,11 @@ class Refinement:
         return changed
 
     def restart(self) -> None:
-        """Begin anew after a frame of the full size was interrupted: realtime pictures begin anew."""
-        self._still, self.done, self.count, self._began = REST, 0.0, 0.0, None
+        """Begin the full size anew after a frame of it was interrupted, because its history is void."""
+        self._still = REST
+        self.done = 0.0
+        self.count = 0.0
+        self._began = None
 
     def end_frame(self, seconds: float, count: float, traced: bool) -> None:
         """Record a frame of the full size that took some seconds. count: frames or samples so far, a part of a sample
@@ -104,14 +108,23 @@ class Refinement:
         if not self.rests:
             return
         if traced:
-            self.bands = max(self.bands // 2, 1) if seconds > 1.5 * LONGEST_STEP else self.bands
-            self.bands = min(2 * self.bands, MOST_BANDS) if seconds < 0.6 * LONGEST_STEP else self.bands
+            self._adapt_bands(seconds)
         whole = self.samples if traced else FRAMES
-        self.count, self.done = count, min(count / whole, 1.0) if whole else 0.0
+        self.count = count
+        self.done = min(count / whole, 1.0) if whole else 0.0
         if self._began is None:
             self._began = self._clock(), self.done
         elif not traced and count >= LEAST_FRAMES:
-            self.done = min(max(self.done, (self._clock() - self._began[0]) / PATIENCE), 1.0)
+            began, _ = self._began
+            self.done = min(max(self.done, (self._clock() - began) / PATIENCE), 1.0)
+
+    def _adapt_bands(self, seconds: float) -> None:
+        """Double or halve the bands of a step, so that it takes about LONGEST_STEP."""
+        # The limits are more than a factor of two apart: after a change neither of them asks for the opposite one.
+        if seconds > 1.5 * LONGEST_STEP:
+            self.bands = max(self.bands // 2, 1)
+        elif seconds < 0.6 * LONGEST_STEP:
+            self.bands = min(2 * self.bands, MOST_BANDS)
 
 
 def in_words(seconds: float) -> str:
@@ -119,4 +132,6 @@ def in_words(seconds: float) -> str:
     whole = max(round(seconds), 0)
     if whole < 60:
         return f"{whole} s"
-    return f"{whole // 60}:{whole % 60:02} min" if whole < 3600 else f"{whole // 3600}:{whole % 3600 // 60:02} h"
+    if whole < 3600:
+        return f"{whole // 60}:{whole % 60:02} min"
+    return f"{whole // 3600}:{whole % 3600 // 60:02} h"

@@ -22,7 +22,8 @@ class Sources:
     """The shaders, and a glTF file with the files that it names. load: loads the glTF file's scene again."""
 
     def __init__(self, scene: Scene, file: Path | None, load: Callable[[], Scene] | None) -> None:
-        self.scene, self.load = scene, load
+        self.scene = scene
+        self.load = load
         self._file = file
         self._shaders = self._shader_stamps()
         self._files = self._file_stamps()
@@ -44,13 +45,14 @@ class Sources:
         """
         if self.load is None:
             return False
-        self._take(self.load())
+        self._replace_content(self.load())
         return True
 
     def replace(self, loaded: Scene, file: Path, load: Callable[[], Scene]) -> None:
         """Replace everything in the scene by what a loaded scene holds, and watch its file from now on."""
-        self._file, self.load = file, load
-        self._take(loaded)
+        self._file = file
+        self.load = load
+        self._replace_content(loaded)
         self.scene.name = loaded.name
         self._files = self._file_stamps()
 
@@ -59,7 +61,9 @@ class Sources:
         if self._file is not None and path.resolve() == self._file.resolve():
             self._files = self._file_stamps()
 
-    def _take(self, loaded: Scene) -> None:
+    def _replace_content(self, loaded: Scene) -> None:
+        """Move everything from a loaded scene into this one, which the renderers and the user hold."""
+        # An object belongs to one scene only, so it leaves the other one first.
         for name in COLLECTIONS:
             ours, theirs = getattr(self.scene, name), getattr(loaded, name)
             items = list(theirs)
@@ -78,6 +82,7 @@ class Sources:
 
 
 def _stamps(paths: Iterable[Path]) -> Stamps:
+    # Time and size: some file systems count time in seconds, in which a file may change twice.
     found = {}
     for path in paths:
         try:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import warnings
 from collections.abc import Sequence
 from pathlib import Path
@@ -11,6 +12,7 @@ import numpy as np
 
 from solari_vk.base.errors import SolariError
 from solari_vk.base.files import make_folder, write_whole
+from solari_vk.scene.model import Scene
 from solari_vk.scene.placement import Placed
 from solari_vk.settings import DEFAULTS
 from solari_vk.studio.viewer.history import Assignment
@@ -23,11 +25,11 @@ PLACES = ("transform", "position", "rotation", "scale", "direction", "horizontal
 
 def free_path(session: Session) -> Path:
     """A path in the session's folder where there is no file yet, for `save_scene`."""
-    stem, number = Path(session.name or "scene").stem.replace(":", "-") or "scene", 1
-    while any(
-        (path := session.folder / f"{stem}-{number:03}.glb").with_suffix(end).exists() for end in (".glb", ".py")
-    ):
-        number += 1
+    stem = Path(session.name or "scene").stem.replace(":", "-") or "scene"
+    for number in itertools.count(1):
+        path = session.folder / f"{stem}-{number:03}.glb"
+        if not path.exists() and not path.with_suffix(".py").exists():
+            break
     return path
 
 
@@ -55,32 +57,41 @@ def save_scene(session: Session, path: Path) -> tuple[Path, list[str]]:
 def _animated_edits(session: Session) -> tuple[list[str], list[str]]:
     """Assignments that place what was edited as it is now, of what clips place otherwise, and so the file does; and
     which of it has no name that a script could call it by."""
-    scene, lines, lost = session.scene, dict[str, None](), dict[str, None]()
-    rigs = [clip.rig for clip in scene.animations]
+    # Dictionaries as ordered sets: an object that was edited several times is written once, as it is now.
+    lines = dict[str, None]()
+    lost = dict[str, None]()
+    rigs = [clip.rig for clip in session.scene.animations]
     animated = {item for rig in rigs for item, *_ in (*rig.placed, *rig.skins, *rig.weighted)}
     for edit in session.history:
         if not isinstance(edit, Assignment) or edit.item not in animated:
             continue
         item: Any = edit.item
         fields = {"transform" if isinstance(item, Placed) and name in PLACES else name for name in edit.after}
+        expression = _named_expression(session.scene, item)
         for name in sorted(fields & {*PLACES, "visible"}):
-            for kind in ("instances", "cameras", "lights"):
-                items = getattr(scene, kind)
-                if item in items and item.name and [other.name for other in items].count(item.name) == 1:
-                    lines[f"scene.{kind}[{item.name!r}].{name} = {np.asarray(getattr(item, name)).tolist()!r}"] = None
-                elif item in items:
-                    lost[f"the {name} of {item.describe()}, which follows clips and has no name of its own"] = None
+            if expression:
+                lines[f"{expression}.{name} = {np.asarray(getattr(item, name)).tolist()!r}"] = None
+            elif expression is not None:
+                lost[f"the {name} of {item.describe()}, which follows clips and has no name of its own"] = None
     return list(lines), list(lost)
+
+
+def _named_expression(scene: Scene, item: Any) -> str | None:
+    """The expression for an object by its name, which stays right in the file; "" if it shares its name or has none,
+    None if it isn't in the scene."""
+    for kind in ("instances", "cameras", "lights"):
+        items = getattr(scene, kind)
+        if item in items:
+            is_unique = item.name and [other.name for other in items].count(item.name) == 1
+            return f"scene.{kind}[{item.name!r}]" if is_unique else ""
+    return None
 
 
 def script_text(session: Session, scene_file: str, edits: Sequence[str] = ()) -> str:
     """A script that renders the picture from the scene in a file beside it. edits: lines after the scene is posed."""
-    pictures, camera, refinement = session.pictures, session.camera, session.refinement
-    settles = not pictures.ready or (
-        refinement.enabled and not refinement.finished
-    )  # then this is how the picture will be
-    width, height = (session.picture_area.width, session.picture_area.height) if settles else pictures.size
-    pose = {**camera.pose(), "ev100": camera.ev100}
+    pictures = session.pictures
+    settles = _will_change(session)
+    pose = {**session.camera.pose(), "ev100": session.camera.ev100}
     player = session.player
     shown = "realtime picture of the mode split" if pictures.mode == "split" else f"{pictures.mode} picture"
     lines = [
@@ -92,33 +103,51 @@ def script_text(session: Session, scene_file: str, edits: Sequence[str] = ()) ->
         "",
         "here = Path(__file__).resolve()",
         f"scene = sv.load(here.with_name({scene_file!r}))",
-        *([f"scene.animate({player.seconds!r}, {player.number})"] if player.posed and player.clip else []),
-        *edits,
-        f"camera = sv.Camera.from_pose({pose!r})",
-        "with sv.Device() as device:",
     ]
-    options = f"({width}, {height}), seed={pictures.seed}"
-    if pictures.mode == "reference":
-        samples = pictures.reference.tracer.samples if pictures.reference and not settles else refinement.samples
-        lines += [
-            f"    renderer = sv.PathTracer(device, scene, {options})",
-            f"    renderer.tonemap = {pictures.tonemap!r}",
-            f"    frame = renderer.render(camera, samples={samples or SAMPLES})",
-        ]
-    else:
-        changed = {name: getattr(session.settings, name) for name in DEFAULTS}
-        changed["upscale"] = pictures.upscale
-        settings = [
-            f"{name}={value!r}"
-            for name, value in changed.items()
-            if value != DEFAULTS[name] and not (settles and name == "upscale")
-        ]  # it follows the size, which is the whole one then
-        frames = FRAMES if settles else refinement.frames
-        lines += [
-            f"    settings = sv.Settings({', '.join(settings)})",
-            f"    renderer = sv.Renderer(device, scene, {options}, settings=settings)",
-            f"    renderer.view, renderer.tonemap = {pictures.view!r}, {pictures.tonemap!r}",
-            f"    for _ in range({frames}):",
-            "        frame = renderer.render(camera)",
-        ]
+    if player.posed and player.clip:
+        lines.append(f"scene.animate({player.seconds!r}, {player.number})")
+    lines += [*edits, f"camera = sv.Camera.from_pose({pose!r})", "with sv.Device() as device:"]
+    lines += _reference_lines(session, settles) if pictures.mode == "reference" else _realtime_lines(session, settles)
     return "\n".join([*lines, '    frame.save(here.with_suffix(".png"))', ""])
+
+
+def _will_change(session: Session) -> bool:
+    """Whether the picture isn't finished: then the script renders it as it will be."""
+    refinement = session.refinement
+    return not session.pictures.ready or (refinement.enabled and not refinement.finished)
+
+
+def _size_and_seed(session: Session, settles: bool) -> str:
+    width, height = session.pictures.size
+    if settles:
+        width, height = session.picture_area.width, session.picture_area.height
+    return f"({width}, {height}), seed={session.pictures.seed}"
+
+
+def _reference_lines(session: Session, settles: bool) -> list[str]:
+    pictures = session.pictures
+    samples = session.refinement.samples
+    if pictures.reference and not settles:
+        samples = pictures.reference.tracer.samples
+    return [
+        f"    renderer = sv.PathTracer(device, scene, {_size_and_seed(session, settles)})",
+        f"    renderer.tonemap = {pictures.tonemap!r}",
+        f"    frame = renderer.render(camera, samples={samples or SAMPLES})",
+    ]
+
+
+def _realtime_lines(session: Session, settles: bool) -> list[str]:
+    pictures = session.pictures
+    values = {name: getattr(session.settings, name) for name in DEFAULTS}
+    values["upscale"] = pictures.upscale
+    if settles:
+        del values["upscale"]  # it follows the size, which is the whole one then
+    settings = [f"{name}={value!r}" for name, value in values.items() if value != DEFAULTS[name]]
+    frames = FRAMES if settles else session.refinement.frames
+    return [
+        f"    settings = sv.Settings({', '.join(settings)})",
+        f"    renderer = sv.Renderer(device, scene, {_size_and_seed(session, settles)}, settings=settings)",
+        f"    renderer.view, renderer.tonemap = {pictures.view!r}, {pictures.tonemap!r}",
+        f"    for _ in range({frames}):",
+        "        frame = renderer.render(camera)",
+    ]

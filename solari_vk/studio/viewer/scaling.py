@@ -14,7 +14,7 @@ Size = tuple[int, int]
 CPU_FPS = 7.0  # frames a second that the scale "auto" aims at on a CPU, where more would be too coarse
 MIN_SCALE = 0.1
 STEPS = tuple(round(0.1 * 1.12202**i, 3) for i in range(21))  # 0.1 to 1, with a quarter more pixels at each step
-SETTLE = 3  # frames after a change whose times are ignored, because buffers are made and drivers compile
+IGNORED = 3  # frames after a change whose times are ignored, because buffers are made and drivers compile
 LOOK = 5  # frames whose median time is one measurement
 ROOM = 0.7  # share of the time limit that the next larger scale may take, so that the scale doesn't oscillate
 # A smaller picture saves only the time that grows with the pixels. That time is not pushed below this share of the
@@ -36,27 +36,28 @@ class ScaleControl:
             raise SolariError(f"the scale is auto or a number from {MIN_SCALE:g} to 1, not {quoted(scale)}")
         self._times: list[float] = []
         self._known: dict[float, float] = {}  # the latest measured time of each scale
-        self._settling = SETTLE
+        self._ignored = IGNORED
 
     def forget_times(self) -> None:
         """Forget the measured times, because something that they depend on changed."""
         self._known.clear()
-        self._settle()
+        self._restart()
 
-    def _settle(self) -> None:
+    def _restart(self) -> None:
         self._times.clear()
-        self._settling = SETTLE
+        self._ignored = IGNORED
 
     def fix(self, scale: float) -> None:
         """Use a fixed scale, limited to MIN_SCALE to 1."""
-        self.auto, self.scale = False, min(max(scale, MIN_SCALE), 1.0)
+        self.auto = False
+        self.scale = min(max(scale, MIN_SCALE), 1.0)
 
     def record_frame(self, seconds: float) -> bool:
         """Record the time of a frame; returns whether the scale changed."""
         if not self.auto:
             return False
-        if self._settling:
-            self._settling -= 1
+        if self._ignored:
+            self._ignored -= 1
             return False
         self._times.append(seconds)
         if len(self._times) < LOOK:
@@ -65,7 +66,9 @@ class ScaleControl:
         self._times.clear()
         self._known[self.scale] = time
         wanted = self._largest(time)
-        at = min(range(len(STEPS)), key=lambda i: abs(STEPS[i] - self.scale))  # a fixed scale may lie between two steps
+        # It falls at once to what is wanted and rises by one step at a time, because a slow frame is worse than a
+        # coarse one. A scale that was fixed before may lie between two steps.
+        at = min(range(len(STEPS)), key=lambda i: abs(STEPS[i] - self.scale))
         if wanted < self.scale:
             scale = max((step for step in STEPS if step <= wanted), default=MIN_SCALE)
         elif at + 1 < len(STEPS) and STEPS[at + 1] <= wanted * ROOM**0.5:
@@ -75,11 +78,12 @@ class ScaleControl:
         if scale == self.scale:
             return False
         self.scale = scale
-        self._settle()
+        self._restart()
         return True
 
     def _largest(self, time: float) -> float:
         """The largest scale that `target` allows: part of a frame's time is fixed, the rest grows with the pixels."""
+        # With times of two scales the part that grows is known; with one, all of the time counts as growing.
         low, high = min(self._known), max(self._known)
         growth = time / self.scale**2
         if low < high:

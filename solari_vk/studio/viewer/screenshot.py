@@ -3,6 +3,7 @@ again."""
 
 from __future__ import annotations
 
+import itertools
 import json
 import shlex
 from pathlib import Path
@@ -29,9 +30,8 @@ def take_screenshot(session: Session) -> Path:
     if not session.pictures.whole:
         raise SolariError("there is no picture yet")
     make_folder(session.folder)
-    number = 1
-    while (target := session.folder / f"solari-{number:03}.png").exists():
-        number += 1
+    numbered = (session.folder / f"solari-{number:03}.png" for number in itertools.count(1))
+    target = next(path for path in numbered if not path.exists())
     command, area = command_line(session, target), session.picture_area
     write_codes(target, fitted(pixels_of(session.parts()), (area.width, area.height)))
     save_image(
@@ -46,7 +46,8 @@ def take_screenshot(session: Session) -> Path:
             f"# It renders {size[0]}x{size[1]} pixels, as the window did, and stretched, as in the .png, "
             f"to {area.width}x{area.height}."
         )
-    if edits := edit_lines(session):
+    edits = edit_lines(session)
+    if edits:
         lines.append("# Edits that the command leaves out, as Python writes them:")
         lines += (f"# {line}" for line in edits)
     write_whole(target.with_suffix(".txt"), "\n".join(lines) + "\n")

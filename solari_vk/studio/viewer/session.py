@@ -56,14 +56,22 @@ class Session(Messages):
         folder: Path,
     ) -> None:
         super().__init__()
-        self.window, self.pictures, self.camera_control, self.scale = window, pictures, camera_control, scale
-        self.device, self.scene, self.settings = pictures.device, pictures.scene, pictures.settings
-        self.source, self.source_options, self.folder = source, source_options, folder
+        self.window = window
+        self.pictures = pictures
+        self.camera_control = camera_control
+        self.scale = scale
+        self.device = pictures.device
+        self.scene = pictures.scene
+        self.settings = pictures.settings
+        self.source = source
+        self.source_options = source_options
+        self.folder = folder
         self.player = Player(self.scene)
         self.pick: Pick | None = None
         """The instance and the point that the user clicked on last."""
         self._selected: Checked | None = None
         self._others: list[Checked] = []
+        # Weak, so that the locks of a scene that was replaced go with its objects.
         self.locked = WeakSet[Checked]()
         """Objects that clicks don't pick and that nothing edits."""
         self.history = History()
@@ -71,7 +79,8 @@ class Session(Messages):
         self.refinement = Refinement()
         self.question: Question | None = None
         """What the user is asked before something else happens."""
-        self.gizmo, self.gizmo_is_local = GIZMOS[0], False
+        self.gizmo = GIZMOS[0]
+        self.gizmo_is_local = False
         """What dragging the picked object does, and whether along its own axes."""
         self.texture_field = "base_color_texture"
         """The field of a material on which a picture from a file is put."""
@@ -101,23 +110,29 @@ class Session(Messages):
 
     @selected.setter
     def selected(self, item: Checked | None) -> None:
-        self._selected, self._others = item, []
+        self._selected = item
+        self._others = []
         if not isinstance(item, Instance) or (self.pick is not None and self.pick.instance is not item):
             self.pick = None
 
     @property
     def picked(self) -> list[Checked]:
         """All that is picked: `selected` is the last, whose fields the panels show."""
-        held = [item for item in self._others if self._is_there(item)]
-        return [*held, *([] if self.selected is None else [self.selected])]
+        # Undoing and scripts remove objects without asking what is picked.
+        found = [item for item in self._others if self._is_there(item)]
+        if self.selected is not None:
+            found.append(self.selected)
+        return found
 
     def _is_there(self, item: Checked | None) -> bool:
         return item in self.scene.instances or item in self.scene.lights or item in self.scene.cameras
 
     def pick_also(self, item: Checked) -> None:
         """Add an object to what is picked, or take it out if it is picked."""
-        picked = [other for other in self.picked if other is not item]
-        picked += [item] if len(picked) == len(self.picked) else []
+        before = self.picked
+        picked = [other for other in before if other is not item]
+        if len(picked) == len(before):
+            picked.append(item)
         self.selected = picked[-1] if picked else None
         self._others = picked[:-1]
 
@@ -137,8 +152,9 @@ class Session(Messages):
 
     def columns(self) -> dict[str, tuple[float, float]]:
         """The names of the pictures side by side, and where each begins and ends, as shares of the width."""
-        shown = self.beside is not None and self.beside.shown
-        return self.beside.columns(self.name) if self.beside is not None and shown else self.pictures.columns()
+        if self.beside is not None and self.beside.shown:
+            return self.beside.columns(self.name)
+        return self.pictures.columns()
 
     def pictures_at(self, x: float) -> Pictures:
         """The pictures of the scene that is seen at this share of the picture's width."""
@@ -186,7 +202,12 @@ class Session(Messages):
     def reload(self, *, shaders: bool, file: bool) -> None:
         """Reload shaders, the scene's file or both. What has an error is reported and stays as it was."""
         self.load_count += 1
-        loads = {**(self.shader_users if shaders else {}), **({"file": self._load_file} if file else {})}
+        loads: dict[str, Callable[[], object]] = {}
+        if shaders:
+            loads |= self.shader_users
+        if file:
+            loads["file"] = self._load_file
+        # All of them, although one may fail: an error in a shader doesn't keep the file from being read.
         done = [self._reload(place, load) for place, load in loads.items()]
         self.scale.forget_times()
         if all(done):
@@ -202,7 +223,9 @@ class Session(Messages):
         self.sources.replace(loaded, file, load)
         self._forget()
         self.player = Player(self.scene)
-        self.source, self.source_options, self.save_path = str(file), (), None
+        self.source = str(file)
+        self.source_options = ()
+        self.save_path = None
         self.load_count += 1
 
     def _forget(self) -> None:

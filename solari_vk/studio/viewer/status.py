@@ -16,14 +16,20 @@ def state_in_words(session: Session, *, brief: bool = False) -> str:
     """The mode, the view, the size that is rendered, the rate, and the progress; brief: the mode and the last one."""
     pictures, refinement = session.pictures, session.refinement
     width, height = pictures.rendered_size
-    view = [pictures.view] if pictures.mode != "reference" else []
-    parts = [pictures.mode, *([] if brief else [*view, f"{width}x{height}"])]
+    parts = [pictures.mode]
+    if not brief:
+        if pictures.mode != "reference":
+            parts.append(pictures.view)
+        parts.append(f"{width}x{height}")
     progress = progress_in_words(session) if refinement.rests else f"{session.fps:.1f} fps"
-    return " - ".join([*parts, progress.rpartition(", ")[0] if brief and progress.endswith(" left") else progress])
+    if brief and progress.endswith(" left"):
+        progress, _, _ = progress.rpartition(", ")
+    return " - ".join([*parts, progress])
 
 
 def status_line(session: Session, probe: str, room: float, width_of: Callable[[str], float]) -> str:
     """What the status line says left of the probe's text, as much as there is room for; "" if there is none."""
+    # Two spaces keep the texts apart.
     room -= width_of(f"{probe}  ") if probe else 0.0
     texts = [state_in_words(session), state_in_words(session, brief=True)]
     return next((text for text in texts if width_of(text) <= room), "" if probe else texts[-1])
@@ -52,12 +58,14 @@ class Probe:
 
     def update(self) -> None:
         """Look at the pixel again, if the cursor or the picture changed and the latest look is some time ago."""
-        session, now = self._session, time.perf_counter()
+        session = self._session
+        now = time.perf_counter()
         area, refinement = session.layout.picture, session.refinement
         seen = session.cursor, refinement.count if refinement.rests else now
         if seen == self._seen or now - self._looked_at < PROBE_INTERVAL:
             return
-        self._seen, self._looked_at = seen, now
+        self._seen = seen
+        self._looked_at = now
         share = area.share(session.cursor)
         radiance = radiance_at(session.pictures_at(share[0]), *share) if area.holds(session.cursor) else None
         if radiance is None:

@@ -50,6 +50,7 @@ class Swapchain:
         self._index = raw.ffi.new("uint32_t*")
         self._acquired: list[raw.CData] = []  # per frame in flight: signaled when its image may be drawn
         self._drawn: list[raw.CData] = []  # per image: signaled when it may be presented
+        # The commands of a frame may be recorded again once the frame before that used the slot is done.
         self._values = [0] * FRAMES  # timeline values of the frames in flight
         self._frame = 0
         self._submissions: dict[Any, Submission] = {}
@@ -86,6 +87,7 @@ class Swapchain:
             raw.NULL,
             self._index,
         )
+        # A suboptimal image is acquired and must be presented; the next frame makes the swapchain again.
         if result not in (raw.VK_SUCCESS, raw.VK_SUBOPTIMAL_KHR):
             return None
         return int(self._index[0])
@@ -95,6 +97,8 @@ class Swapchain:
 
         When the commands start, the image is in an undefined layout and unused; they must leave it in PRESENT_SRC.
         """
+        # One semaphore an image, not a frame: only the acquisition of the same image tells that its presentation no
+        # longer waits for it (Khronos' guide "Swapchain Semaphore Reuse").
         wait, signal = self._acquired[self._frame], self._drawn[index]
         key = index, self._frame, *(int(raw.ffi.cast("uintptr_t", item)) for item in commands)
         if key not in self._submissions:
@@ -150,11 +154,14 @@ class Swapchain:
         if self._call(query, device.physical_device, self._surface, capabilities) != raw.VK_SUCCESS:
             return
         size = self._made_for = self._get_size()
+        # Wayland gives this extent, which means that the swapchain decides; elsewhere the surface does.
         current = capabilities.currentExtent
         if current.width != 0xFFFFFFFF and 0 not in size:
             size = (current.width, current.height)
         low, high = capabilities.minImageExtent, capabilities.maxImageExtent
         extent = min(max(size[0], low.width), high.width), min(max(size[1], low.height), high.height)
+        # The new swapchain takes over from the old one, so that the window doesn't flicker. Its creation retires the
+        # old one even if it fails, so the old one is destroyed in any case.
         old, self._handle = self._handle, raw.NULL
         try:
             if 0 not in size and 0 not in extent:
@@ -162,7 +169,7 @@ class Swapchain:
         finally:
             self._destroy_images(old)
         if self._handle != raw.NULL:
-            self._take_images()
+            self._create_views()
             self.extent = extent
             self.generation += 1
             self.stale = False
@@ -173,6 +180,8 @@ class Swapchain:
             raise DeviceError(f"{device.name} can't copy pictures to this window: choose another device")
         self.format, color_space = self._choose_format()
         self.readable = bool(capabilities.supportedUsageFlags & raw.VK_IMAGE_USAGE_TRANSFER_SRC_BIT)
+        # One more than the presentation engine may hold, so that acquiring doesn't wait for the display. A maximum of
+        # 0 means that there is none.
         count = max(capabilities.minImageCount, FRAMES) + 1
         opaque = raw.VK_COMPOSITE_ALPHA_OPAQUE_BIT_KHR
         alphas = capabilities.supportedCompositeAlpha
@@ -187,7 +196,8 @@ class Swapchain:
             imageUsage=_USAGE | (raw.VK_IMAGE_USAGE_TRANSFER_SRC_BIT if self.readable else 0),
             imageSharingMode=raw.VK_SHARING_MODE_EXCLUSIVE,
             preTransform=capabilities.currentTransform,
-            compositeAlpha=opaque if alphas & opaque else alphas & -alphas,
+            compositeAlpha=opaque if alphas & opaque else alphas & -alphas,  # or the lowest bit that is set
+            # The one mode that all devices have; it waits for the display, and so limits the frame rate.
             presentMode=raw.VK_PRESENT_MODE_FIFO_KHR,
             clipped=1,
             oldSwapchain=old,
@@ -207,7 +217,8 @@ class Swapchain:
                 return format, raw.VK_COLOR_SPACE_SRGB_NONLINEAR_KHR
         raise DeviceError(f"{device.name}: this window has no 8-bit sRGB format: choose another device")
 
-    def _take_images(self) -> None:
+    def _create_views(self) -> None:
+        """Create a view and a semaphore of each of the new swapchain's images."""
         device = self.device
         function = device.vk.vkGetSwapchainImagesKHR
         self.images = raw.enumerate_items(function, "VkImage", device.handle, self._handle)
@@ -240,7 +251,10 @@ class Swapchain:
         for semaphore in (*self._drawn, *self._acquired):
             device.vk.vkDestroySemaphore(device.handle, semaphore, raw.NULL)
         device.vk.vkDestroySwapchainKHR(device.handle, handle, raw.NULL)
-        self.images, self.views, self._drawn, self._acquired = [], [], [], []
+        self.images = []
+        self.views = []
+        self._drawn = []
+        self._acquired = []
         self._submissions.clear()
         self._values = [0] * FRAMES
         self.extent = (0, 0)

@@ -9,8 +9,13 @@ from imgui_bundle import imgui
 
 FONTS = ("Roboto/Roboto-Regular.ttf", "DroidSans.ttf")  # in the order of choice; imgui-bundle ships them
 FONT_SIZE = 15.0
-ICON_FONT, ICON_SIZE = "Font_Awesome_6_Free-Solid-900.otf", 11.0
-SHOWN, HIDDEN, LOCKED, FREE = "\uf06e", "\uf070", "\uf023", "\uf3c1"
+ICON_FONT = "Font_Awesome_6_Free-Solid-900.otf"
+ICON_SIZE = 11.0
+# Icons of that font.
+SHOWN = "\uf06e"  # eye
+HIDDEN = "\uf070"  # eye-slash
+LOCKED = "\uf023"  # lock
+FREE = "\uf3c1"  # lock-open
 ACCENT = (0.95, 0.55, 0.15)
 COLORS = {
     "window_bg": (0.13, 0.13, 0.14, 1.0), "popup_bg": (0.16, 0.16, 0.17, 0.98), "border": (0.28, 0.28, 0.30, 1.0),
@@ -34,6 +39,7 @@ def apply_theme() -> None:
             style.font_size_base = FONT_SIZE
             break
     if (folder / ICON_FONT).is_file():
+        # Merged, so that one text can have letters and icons.
         merged = imgui.ImFontConfig()
         merged.merge_mode = True
         io.fonts.add_font_from_file_ttf(str(folder / ICON_FONT), ICON_SIZE, merged)

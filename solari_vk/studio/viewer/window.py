@@ -57,13 +57,13 @@ class Window:
         width, height = _checked_size(size)
         self._error: str = ""
         self._before_fullscreen: tuple[int, int, int, int] | None = None
-        glfw.set_error_callback(self._note_error)
+        glfw.set_error_callback(self._store_error)
         if not glfw.init():
             raise SolariError(f"no window can be opened: {self._error or 'GLFW does not start'}")
         _windows += 1
         glfw.default_window_hints()
-        glfw.window_hint(glfw.CLIENT_API, glfw.NO_API)
-        glfw.window_hint(glfw.SCALE_TO_MONITOR, False)
+        glfw.window_hint(glfw.CLIENT_API, glfw.NO_API)  # without an OpenGL context, which Vulkan's surfaces refuse
+        glfw.window_hint(glfw.SCALE_TO_MONITOR, False)  # the size is the user's; `text_scale` enlarges the panels
         self._handle = glfw.create_window(width, height, title, None, None)
         if not self._handle:
             error = self._error
@@ -71,10 +71,11 @@ class Window:
             raise SolariError(f"no window can be opened: {error}")
         self._listen()
 
-    def _note_error(self, _: int, description: Any) -> None:
+    def _store_error(self, _: int, description: Any) -> None:
         self._error = _text(description)
 
     def _listen(self) -> None:
+        # GLFW's callbacks run inside its poll_events. They only store events, which the viewer then handles in order.
         def key(_: Any, code: int, __: int, action: int, modifiers: int) -> None:
             self.events.append(Event("key", code, action != glfw.RELEASE, modifiers, repeats=action == glfw.REPEAT))
 
@@ -101,6 +102,7 @@ class Window:
         self.events.append(Event("close"))
 
     def _held_modifiers(self) -> int:
+        # GLFW's callback for drops tells no modifiers.
         keys = {
             glfw.MOD_SHIFT: (glfw.KEY_LEFT_SHIFT, glfw.KEY_RIGHT_SHIFT),
             glfw.MOD_CONTROL: (glfw.KEY_LEFT_CONTROL, glfw.KEY_RIGHT_CONTROL),
@@ -183,6 +185,7 @@ class Window:
     def has_input(self) -> bool:
         """Whether the user did something since `poll_events` that a picture must not keep waiting: all but moving the
         mouse."""
+        # Without its events for some seconds, window managers take a window for hung.
         glfw.poll_events()
         return any(event.kind != "cursor" for event in self.events)
 

@@ -61,7 +61,7 @@ class FakeWindow:
 class FakePictures:
     """Stands for pictures that were never rendered."""
 
-    device = realtime = reference = None
+    device = binder = realtime = reference = None
     ready = False
     mode = "reference"
     view = "picture"
