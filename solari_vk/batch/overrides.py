@@ -15,7 +15,7 @@ from solari_vk.bound.binder import SceneBinder
 from solari_vk.gpu.tensors.imports import DeviceTensor
 from solari_vk.scene.lights.portal import Portal
 from solari_vk.scene.model import Instance, Light, Material
-from solari_vk.scene.observed import Checked, Observable
+from solari_vk.scene.observable import Checked, Observable
 
 Item = TypeVar("Item", bound=Checked)
 Values = TypeVar("Values")

@@ -20,7 +20,7 @@ from solari_vk.gpu.shaders.compiler import compile_shader
 from solari_vk.gpu.tensors.imports import DeviceTensor
 from solari_vk.gpu.tensors.port import TensorPort
 from solari_vk.scene.model import Material, Mesh, TextureImage
-from solari_vk.scene.observed import Observable, Watcher
+from solari_vk.scene.observable import Observable, Watcher
 from solari_vk.scene.tensor_fields import TensorFields
 
 

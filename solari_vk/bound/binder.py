@@ -31,7 +31,7 @@ from solari_vk.gpu.frame.stopwatch import Stopwatch
 from solari_vk.gpu.tensors.imports import DeviceTensor
 from solari_vk.gpu.tensors.port import TensorPort
 from solari_vk.scene.model import Camera, Instance, Mesh, Scene
-from solari_vk.scene.observed import Observable
+from solari_vk.scene.observable import Observable
 from solari_vk.scene.tensor_fields import TensorFields
 
 

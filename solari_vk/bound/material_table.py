@@ -26,7 +26,7 @@ from solari_vk.gpu.tensors.imports import DeviceTensor
 from solari_vk.gpu.tensors.port import TensorPort
 from solari_vk.scene.material import LAYERS, TEXTURES, UNLIT_RADIANCE
 from solari_vk.scene.model import Instance, Material, Texture, TextureImage
-from solari_vk.scene.observed import Observable
+from solari_vk.scene.observable import Observable
 
 _ALPHA_FLAGS = {"opaque": 0, "mask": MATERIAL_MASK, "blend": MATERIAL_BLEND}
 

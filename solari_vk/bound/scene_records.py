@@ -21,7 +21,7 @@ from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.tensors.imports import DeviceTensor
 from solari_vk.scene.matrices import placed_box
 from solari_vk.scene.model import Camera, Instance, Light, Material, Mesh, Scene, Texture, TextureImage
-from solari_vk.scene.observed import Observable
+from solari_vk.scene.observable import Observable
 from solari_vk.scene.tensor_fields import TensorFields
 
 MAX_INSTANCES = 1 << 24  # a custom index of an acceleration structure has 24 bits

@@ -16,7 +16,7 @@ from solari_vk.scene import checks
 from solari_vk.scene.calibrated import LENS_FIELDS, Calibrated
 from solari_vk.scene.checks import FloatArray
 from solari_vk.scene.lens import PROJECTIONS, TERMS
-from solari_vk.scene.observed import Checked, checked
+from solari_vk.scene.observable import Checked, checked
 from solari_vk.scene.placement import PARTS, Placed, resolved
 
 LIKELY_RADIANS = 2.0  # degrees: who gives a smaller `fov` most often means radians

@@ -17,7 +17,7 @@ from solari_vk.base.errors import SolariError, quoted, shortened
 from solari_vk.base.host_array import host_array
 from solari_vk.scene.images.mip_chain import LINEAR_OF_SRGB
 from solari_vk.scene.matrices import unit
-from solari_vk.scene.observed import Checked
+from solari_vk.scene.observable import Checked
 
 FloatArray = NDArray[np.float32]
 WRAP_MODES = ("repeat", "mirrored_repeat", "clamp_to_edge")

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable, Iterator
 from typing import Any, Generic, NoReturn, SupportsIndex, TypeVar, overload
 
 from solari_vk.base.errors import SolariError, quoted, unknown_name
-from solari_vk.scene.observed import Checked
+from solari_vk.scene.observable import Checked
 
 Item = TypeVar("Item", bound=Checked)
 

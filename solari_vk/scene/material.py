@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from solari_vk.base.errors import SolariError, warn
 from solari_vk.scene import checks
 from solari_vk.scene.checks import FloatArray
-from solari_vk.scene.observed import Checked, checked
+from solari_vk.scene.observable import Checked, checked
 from solari_vk.scene.tensor_fields import TensorFields
 
 

@@ -29,7 +29,7 @@ from solari_vk.scene.material import Texture as Texture
 from solari_vk.scene.material import TextureImage as TextureImage
 from solari_vk.scene.objects import Instance as Instance
 from solari_vk.scene.objects import Mesh as Mesh
-from solari_vk.scene.observed import Observable
+from solari_vk.scene.observable import Observable
 from solari_vk.scene.placement import PARTS
 from solari_vk.scene.presenting.framing import default_camera, poses
 

@@ -22,7 +22,7 @@ from solari_vk.scene.checks import FloatArray
 from solari_vk.scene.images.mip_chain import LINEAR_OF_SRGB
 from solari_vk.scene.material import Material
 from solari_vk.scene.meshes.deformation import Deformation, check_pose
-from solari_vk.scene.observed import Checked, checked
+from solari_vk.scene.observable import Checked, checked
 from solari_vk.scene.placement import PARTS, Scaled, resolved
 from solari_vk.scene.tensor_fields import TensorFields
 

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from solari_vk.base.errors import SolariError
 from solari_vk.base.host_array import host_array
-from solari_vk.scene.observed import Checked
+from solari_vk.scene.observable import Checked
 
 
 class Tensor(Protocol):

@@ -15,7 +15,7 @@ from solari_vk.gpu.device.buffer import Buffer
 from solari_vk.gpu.device.device import Device
 from solari_vk.scene.emission import Sums, luminance_sums, mean_luminances
 from solari_vk.scene.model import Instance, Material, Mesh, Texture, TextureImage
-from solari_vk.scene.observed import Observable
+from solari_vk.scene.observable import Observable
 
 Key = tuple[Mesh, Texture | None]
 # The least luminance of a triangle over its light's mean. Where the mean over a triangle's box misses the triangle's

@@ -21,7 +21,7 @@ from solari_vk.data.randomize.recipe import Recipe, check_recipe, files_of
 from solari_vk.scene.checks import check_whole
 from solari_vk.scene.collection import Items
 from solari_vk.scene.model import Camera, Instance, Scene
-from solari_vk.scene.observed import Checked
+from solari_vk.scene.observable import Checked
 
 FUNCTIONS = ("prepare", "randomize", "camera")
 

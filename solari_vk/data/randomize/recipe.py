@@ -22,7 +22,7 @@ from solari_vk.scene.images.radiance_files import read_radiance
 from solari_vk.scene.matrices import rotation, transform_points
 from solari_vk.scene.model import Camera, Environment, Instance, Material, Scene, Texture, TextureImage
 from solari_vk.scene.objects import fits, objects_of
-from solari_vk.scene.observed import Checked
+from solari_vk.scene.observable import Checked
 from solari_vk.scene.placement import PARTS
 
 MOST_DISTRACTORS = 1000

@@ -12,7 +12,7 @@ from solari_vk.scene.animation.keyframes import Channel, Sample, tracks
 from solari_vk.scene.animation.rig import Rig
 from solari_vk.scene.collection import Items
 from solari_vk.scene.lights.light import Light
-from solari_vk.scene.observed import Checked, checked
+from solari_vk.scene.observable import Checked, checked
 
 
 class HasLights(Protocol):

@@ -12,7 +12,7 @@ from solari_vk.base.errors import SolariError
 from solari_vk.scene import checks
 from solari_vk.scene.checks import FloatArray
 from solari_vk.scene.lights.light import Light, kelvin
-from solari_vk.scene.observed import checked
+from solari_vk.scene.observable import checked
 
 SUN_ANGULAR_DIAMETER = 0.00930842  # radians, mean over the year
 

@@ -14,7 +14,7 @@ from solari_vk.scene import checks
 from solari_vk.scene.checks import FloatArray
 from solari_vk.scene.lights.light import Light
 from solari_vk.scene.matrices import rotation
-from solari_vk.scene.observed import checked
+from solari_vk.scene.observable import checked
 
 MOST_TEXELS = 2**23  # 4096 x 2048; larger pictures are averaged down
 _ROTATION_ERROR = 1e-3

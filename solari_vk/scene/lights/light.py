@@ -7,7 +7,7 @@ import numpy as np
 from solari_vk.base.color import LUMINANCE_WEIGHTS
 from solari_vk.base.errors import SolariError, quoted
 from solari_vk.scene.checks import FloatArray
-from solari_vk.scene.observed import Checked
+from solari_vk.scene.observable import Checked
 
 COLDEST, HOTTEST = 1667.0, 25_000.0
 # Kim et al., "Design of advanced color temperature control system for HDTV applications" (2002): cubic polynomials, the

@@ -13,7 +13,7 @@ from solari_vk.scene import checks
 from solari_vk.scene.checks import LARGEST_COORDINATE, FloatArray
 from solari_vk.scene.lights.light import Light
 from solari_vk.scene.matrices import transform_points
-from solari_vk.scene.observed import checked
+from solari_vk.scene.observable import checked
 
 LEAST_SIDE, LARGEST_SIDE = 1e-5, 1e9
 _LEAST_SINE = 1e-4  # of the angle between the sides

@@ -14,7 +14,7 @@ from solari_vk.scene import checks
 from solari_vk.scene.checks import FloatArray
 from solari_vk.scene.lights.light import Light, kelvin
 from solari_vk.scene.lights.profile import LightProfile
-from solari_vk.scene.observed import checked
+from solari_vk.scene.observable import checked
 
 MIN_RADIUS = 1e-5  # meters: the radiance of smaller spheres overflows
 MIN_COSINE_STEP = 1e-3  # between the cones of a spotlight, from the code that KHR_lights_punctual recommends

@@ -16,7 +16,7 @@ from solari_vk.scene.lights.directional import DirectionalLight
 from solari_vk.scene.lights.environment import EnvironmentLight
 from solari_vk.scene.lights.light import Light
 from solari_vk.scene.matrices import rotation
-from solari_vk.scene.observed import checked
+from solari_vk.scene.observable import checked
 
 # In lux, of the sun above the atmosphere: Darula, Kittler and Gueymard, "Reference luminous solar constant and solar
 # luminance for illuminance calculations" (2005).

@@ -14,7 +14,7 @@ from solari_vk.scene.lights.environment import EnvironmentLight
 from solari_vk.scene.lights.light import Light
 from solari_vk.scene.material import Texture, TextureImage
 from solari_vk.scene.model import Camera, Instance
-from solari_vk.scene.observed import Checked
+from solari_vk.scene.observable import Checked
 from solari_vk.scene.placement import Placed
 from solari_vk.studio.viewer.new_lights import LIGHTS, new_light
 from solari_vk.studio.viewer.opening import add_file, is_map, open_file, surround

@@ -11,7 +11,7 @@ import numpy as np
 
 from solari_vk.base.errors import SolariError
 from solari_vk.scene.collection import Items
-from solari_vk.scene.observed import Checked
+from solari_vk.scene.observable import Checked
 
 MOST_EDITS = 1000  # that can be undone; earlier ones are forgotten
 UNREACHABLE = object()  # stands for the last edit when the scene was saved, if no undoing leads there

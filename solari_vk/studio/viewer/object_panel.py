@@ -12,7 +12,7 @@ from solari_vk.scene.lights.environment import EnvironmentLight
 from solari_vk.scene.lights.light import Light, kelvin
 from solari_vk.scene.matrices import rotation
 from solari_vk.scene.model import Camera, Instance, Scene
-from solari_vk.scene.observed import Checked
+from solari_vk.scene.observable import Checked
 from solari_vk.studio.viewer.material_panel import MaterialPanel, Show
 from solari_vk.studio.viewer.session import Session
 from solari_vk.studio.viewer.widgets import as_edit, color, drag, hint

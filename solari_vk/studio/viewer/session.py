@@ -10,7 +10,7 @@ from typing import Any
 from weakref import WeakSet
 
 from solari_vk.scene.model import Camera, Instance, Scene
-from solari_vk.scene.observed import Checked
+from solari_vk.scene.observable import Checked
 from solari_vk.settings import Settings
 from solari_vk.studio.viewer.camera_control import CameraControl
 from solari_vk.studio.viewer.comparison import SecondScene

@@ -17,7 +17,7 @@ from solari_vk.scene import checks, shapes
 from solari_vk.scene.builtin import matte
 from solari_vk.scene.checks import FloatArray
 from solari_vk.scene.lights.light import Light
-from solari_vk.scene.observed import checked
+from solari_vk.scene.observable import checked
 
 
 @checked

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from solari_vk.scene.files.gltf.extensions import LARGEST_DISTANCE
 from solari_vk.scene.files.gltf.lights import MAX_RANGE, PROFILES
 from solari_vk.scene.files.gltf.values import Entry
-from solari_vk.scene.observed import Checked
+from solari_vk.scene.observable import Checked
 
 Path = tuple[str, ...]
 Readings = list[tuple[Sequence[Checked], dict[str, Any]]]
