@@ -31,11 +31,11 @@ LARGEST_TRANSFORM = 1e12  # the product of three axes must not overflow
 
 def real(value: Any, dtype: Any = None) -> NDArray[Any]:
     """An array of real numbers; numpy would drop imaginary parts, and take objects for numbers."""
-    given = host_array(value)
+    values = host_array(value)
     # Booleans, integers and floats.
-    if given.size and given.dtype.kind not in "biuf":
-        raise ValueError(f"must be real numbers, not {given.dtype}")
-    return given if dtype is None else given.astype(dtype)
+    if values.size and values.dtype.kind not in "biuf":
+        raise ValueError(f"must be real numbers, not {values.dtype}")
+    return values if dtype is None else values.astype(dtype)
 
 
 def array(
@@ -46,11 +46,11 @@ def array(
     def convert(value: Any) -> Any:
         if value is None and optional:
             return None
-        given = real(value)
+        values = real(value)
         if np.issubdtype(dtype, np.integer):
-            _refuse_unless_integers(given, dtype)
+            _refuse_unless_integers(values, dtype)
         with np.errstate(over="ignore"):  # overflow gives infinity, which is refused below
-            array = np.array(given, dtype=dtype, order="C")
+            array = np.array(values, dtype=dtype, order="C")
         _refuse_other_shapes(array, shape)
         refuse_not_finite(array)
         if max_abs < math.inf and array.size and np.abs(array).max() > max_abs:
@@ -61,14 +61,14 @@ def array(
     return convert
 
 
-def _refuse_unless_integers(given: NDArray[Any], dtype: Any) -> None:
+def _refuse_unless_integers(values: NDArray[Any], dtype: Any) -> None:
     """Raise ValueError for numbers that this type of integers doesn't have: numpy would wrap them around."""
-    if not given.size:
+    if not values.size:
         return
-    if not np.issubdtype(given.dtype, np.integer):
-        raise ValueError(f"must be integers, not {given.dtype}")
+    if not np.issubdtype(values.dtype, np.integer):
+        raise ValueError(f"must be integers, not {values.dtype}")
     largest = np.iinfo(dtype).max
-    if given.min() < 0 or given.max() > largest:
+    if values.min() < 0 or values.max() > largest:
         raise ValueError(f"must lie between 0 and {largest}")
 
 
@@ -116,20 +116,20 @@ def pixels(value: Any) -> NDArray[np.uint8]:
         from solari_vk.scene.images.image_files import read_pixels
 
         value = read_pixels(value)
-    given = host_array(value)
-    if given.dtype.kind == "f":
+    values = host_array(value)
+    if values.dtype.kind == "f":
         with np.errstate(over="ignore"):
             # NaN fails both comparisons.
-            parts = given.astype(np.float32)
+            parts = values.astype(np.float32)
         if not ((parts >= 0) & (parts <= 1)).all():
             raise ValueError("must lie between 0 and 1, or be integers of 8 bits")
-        given = np.rint(parts * np.float32(255)).astype(np.uint8)
-    if given.ndim == 2:
-        given = np.stack([given] * 3, axis=-1)
-    if given.ndim == 3 and given.shape[2] == 3:
-        given = np.concatenate([given, np.full_like(given[..., :1], 255)], axis=-1)
+        values = np.rint(parts * np.float32(255)).astype(np.uint8)
+    if values.ndim == 2:
+        values = np.stack([values] * 3, axis=-1)
+    if values.ndim == 3 and values.shape[2] == 3:
+        values = np.concatenate([values, np.full_like(values[..., :1], 255)], axis=-1)
     try:
-        found: NDArray[np.uint8] = array(None, None, 4, dtype=np.uint8)(given)
+        found: NDArray[np.uint8] = array(None, None, 4, dtype=np.uint8)(values)
     except ValueError as error:
         raise ValueError(f"{error}: give 8-bit pixels, or floats, (height, width[, 3 or 4])") from None
     return found
@@ -158,12 +158,12 @@ def color(low: float = 0.0, high: float = math.inf) -> Callable[[Any], FloatArra
         if isinstance(value, str):
             value = _web_color(value)
         with np.errstate(over="ignore"):
-            given = real(value, np.float32)
-        if given.shape not in ((), (1,), (3,)):
-            why = "; an image belongs in a field for textures, such as base_color_texture" if given.ndim > 1 else ""
-            why = "; alpha is a field of its own" if given.shape == (4,) else why
-            raise ValueError(f"must be three numbers, or one for gray, not of the shape {given.shape}{why}")
-        array = np.array(np.broadcast_to(given, (3,)))
+            values = real(value, np.float32)
+        if values.shape not in ((), (1,), (3,)):
+            why = "; an image belongs in a field for textures, such as base_color_texture" if values.ndim > 1 else ""
+            why = "; alpha is a field of its own" if values.shape == (4,) else why
+            raise ValueError(f"must be three numbers, or one for gray, not of the shape {values.shape}{why}")
+        array = np.array(np.broadcast_to(values, (3,)))
         refuse_not_finite(array)
         if (array < low).any() or (array > high).any():
             raise ValueError(f"must lie between {low:g} and {high:g}, not {array.tolist()}")
@@ -209,13 +209,13 @@ def span(low: float, high: float, unit: str) -> Callable[[Any], FloatArray]:
     """Two numbers within a range, (2,), or one for both. unit: named in the error."""
 
     def convert(value: Any) -> FloatArray:
-        given = real(value, np.float64)
-        if given.shape not in ((), (2,)):
-            raise ValueError(f"must be two numbers, or one for both, not of the shape {given.shape}")
-        refuse_not_finite(given)
-        if (given < low).any() or (given > high).any():
-            raise ValueError(f"must lie between {low:g} and {high:g} {unit}, not {given.tolist()}")
-        array = np.array(np.broadcast_to(given, (2,)), np.float32)
+        values = real(value, np.float64)
+        if values.shape not in ((), (2,)):
+            raise ValueError(f"must be two numbers, or one for both, not of the shape {values.shape}")
+        refuse_not_finite(values)
+        if (values < low).any() or (values > high).any():
+            raise ValueError(f"must lie between {low:g} and {high:g} {unit}, not {values.tolist()}")
+        array = np.array(np.broadcast_to(values, (2,)), np.float32)
         array.setflags(write=False)
         return array
 
@@ -224,13 +224,13 @@ def span(low: float, high: float, unit: str) -> Callable[[Any], FloatArray]:
 
 def direction(value: ArrayLike) -> FloatArray:
     """A unit vector (3,) from a vector of any length but zero."""
-    given = real(value, np.float64)
-    if given.shape != (3,):
-        raise ValueError(f"must have the shape (3,), not {given.shape}")
-    refuse_not_finite(given)
-    if not given.any():
+    values = real(value, np.float64)
+    if values.shape != (3,):
+        raise ValueError(f"must have the shape (3,), not {values.shape}")
+    refuse_not_finite(values)
+    if not values.any():
         raise ValueError("must not be zero")
-    found = unit(given).astype(np.float32)
+    found = unit(values).astype(np.float32)
     found.setflags(write=False)
     return found
 
@@ -284,15 +284,15 @@ def made_of(kind: Callable[[], type], optional: bool = False) -> Callable[[Any],
 
 def affine_transform(value: ArrayLike) -> NDArray[np.float64]:
     """A read-only affine, invertible matrix (4, 4), from such a matrix, its first 3 rows, or a position (3,)."""
-    given = real(value, np.float64)
-    if given.shape not in ((4, 4), (3, 4), (3,)):
-        raise ValueError(f"must have the shape (4, 4), (3, 4) or, for a position, (3,), not {given.shape}")
-    refuse_not_finite(given)
+    values = real(value, np.float64)
+    if values.shape not in ((4, 4), (3, 4), (3,)):
+        raise ValueError(f"must have the shape (4, 4), (3, 4) or, for a position, (3,), not {values.shape}")
+    refuse_not_finite(values)
     matrix = np.eye(4)
-    if given.ndim == 1:
-        matrix[:3, 3] = given
+    if values.ndim == 1:
+        matrix[:3, 3] = values
     else:
-        matrix[: given.shape[0]] = given
+        matrix[: values.shape[0]] = values
     # Plain floats are faster here, which matters for scenes of 100,000 instances.
     (a, b, c, _), (d, e, f, _), (g, h, i, _), last = matrix.tolist()
     if last != [0.0, 0.0, 0.0, 1.0]:
@@ -312,10 +312,10 @@ def joint_matrices(value: Any) -> NDArray[np.float64] | None:
     """Read-only affine matrices (J, 3, 4) from such matrices or from (J, 4, 4), whose last rows don't count."""
     if value is None:
         return None
-    given = real(value, np.float64)
-    if given.ndim == 3 and given.shape[1:] == (4, 4):
-        given = given[:, :3]
-    found: NDArray[np.float64] = array(None, 3, 4, dtype=np.float64, max_abs=LARGEST_TRANSFORM)(given)
+    values = real(value, np.float64)
+    if values.ndim == 3 and values.shape[1:] == (4, 4):
+        values = values[:, :3]
+    found: NDArray[np.float64] = array(None, 3, 4, dtype=np.float64, max_abs=LARGEST_TRANSFORM)(values)
     return found
 
 

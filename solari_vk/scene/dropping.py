@@ -1,4 +1,4 @@
-"""Things that fall until they rest: by MuJoCo, a kept engine of rigid bodies with wheels for all platforms.
+"""Things that fall until they rest: by MuJoCo, a maintained engine of rigid bodies with wheels for all platforms.
 
 pybullet, the other candidate, has no wheels for current Pythons. MuJoCo's bodies are convex: what falls collides as its
 convex hull, which contains the mesh, so that meshes don't meet either. What lies still is exact: a convex mesh is

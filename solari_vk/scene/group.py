@@ -166,8 +166,8 @@ class Grouping:
         def holds(item: Any) -> bool:
             return item in scene._holder(item)
 
-        kept = [group for group in self._groups if not group.items or any(map(holds, group.items))]
-        return Collection("group", kept)
+        present = [group for group in self._groups if not group.items or any(map(holds, group.items))]
+        return Collection("group", present)
 
     def group(self, *items: Instance | Light | Camera | Group | str, name: str = "", **where: Any) -> Group:
         """A Group of objects that move together, such as the parts of a car; those that aren't in the scene are added.

@@ -263,8 +263,7 @@ class Material(TensorFields):
         color = np.asarray(values.pop("baseColorFactor", (255,) * 4)) / 255
         fields: dict[str, Any] = {"metallic": 0.0 if is_simple else 1.0, "perceptual_roughness": 1.0}
         if is_simple:
-            if "baseColorTexture" in values and (given.diffuse[:3] == _TRIMESH_GRAY).all():
-                color = np.ones(4)  # nobody chose the gray, which would darken the texture
+            color = _simple_color(given, color, "baseColorTexture" in values)
             values |= {"doubleSided": True, "alphaMode": "blend" if color[3] < 1 else "opaque"}
         _drop_unusable(values, visual, pbr)
         fields |= {_OF_TRIMESH[name]: _without_pillow(value) for name, value in values.items()}
@@ -328,6 +327,11 @@ def _is_placeholder(visual: Any) -> bool:
     """Whether a mesh of trimesh has the material of those without one: no uvs, and an image of 2 x 2 pixels."""
     image: Any = getattr(visual.material, "image", None)
     return visual.uv is None and bool(image) and image.size == (2, 2)
+
+
+def _simple_color(material: Any, color: NDArray[Any], has_texture: bool) -> NDArray[Any]:
+    """The color (4,) of a SimpleMaterial: white for the gray that nobody chose, which would darken a texture."""
+    return np.ones(4) if has_texture and (material.diffuse[:3] == _TRIMESH_GRAY).all() else color
 
 
 def _without_pillow(value: Any) -> Any:

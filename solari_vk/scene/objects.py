@@ -91,8 +91,8 @@ class Mesh(TensorFields):
         return self._least_alpha[1]
 
     def _row_count(self, name: str) -> int | None:
-        held = vars(self).get(name, self._tensors.get(name))
-        return None if held is None else int(held.shape[0])
+        values = vars(self).get(name, self._tensors.get(name))
+        return None if values is None else int(values.shape[0])
 
     def uvs_for(self, uv_set: int) -> FloatArray | None:
         """The uvs (N, 2) of textures of that `uv_set`: a mesh without second uvs has the first ones in their place."""

@@ -101,34 +101,34 @@ class LightProfile:
         numbers = _Numbers(" ".join(lines[tilt + 1 :]).replace(",", " ").split(), name)
         kind = lines[tilt].split("=", 1)[1].strip().upper()
         if kind == "INCLUDE":
-            numbers.take(1)
+            numbers.read(1)
             # The lamp's position, the number of angles, the angles, and a factor for each.
             count = numbers.count("angles of tilt")
-            numbers.take(2 * count)
+            numbers.read(2 * count)
         if kind != "NONE":
             if remark is None:
                 warn(f"{name}: {TILT_REMARK}")
             else:
                 remark(TILT_REMARK)
-        numbers.take(2)
+        numbers.read(2)
         # After the number of lamps and their lumens.
         factor = numbers.factor("the multiplier")
         rows, columns = numbers.count("vertical angles"), numbers.count("horizontal angles")
-        [photometry] = numbers.take(1)
+        [photometry] = numbers.read(1)
         if photometry not in _TYPES:
             raise SolariError(f"{name}: the photometric type must be 1, 2 or 3 (C, B or A), not {photometry:g}")
         # The units and the sizes of the opening, which a point doesn't have.
-        numbers.take(4)
+        numbers.read(4)
         factor *= numbers.factor("the ballast factor")
         # In place of the photometric factor, later files have one that is reserved, or say how they were made.
         if lines[0].strip().upper().startswith(_WITHOUT_PHOTOMETRIC_FACTOR):
-            numbers.take(1)
+            numbers.read(1)
         else:
             factor *= numbers.factor("the ballast-lamp photometric factor")
-        numbers.take(1)
-        vertical, horizontal = numbers.take(rows), numbers.take(columns)
+        numbers.read(1)
+        vertical, horizontal = numbers.read(rows), numbers.read(columns)
         # For each horizontal angle the candelas at all vertical ones.
-        candelas = numbers.take(rows * columns).reshape(columns, rows) * factor
+        candelas = numbers.read(rows * columns).reshape(columns, rows) * factor
         return cls(vertical, horizontal, candelas, _TYPES[int(photometry)], name=name)
 
     @property
@@ -286,14 +286,14 @@ class LightProfile:
 
 
 class _Numbers:
-    """The numbers of a file, taken one after the other."""
+    """The numbers of a file, read one after the other."""
 
     def __init__(self, words: list[str], name: str) -> None:
         self._words = words
         self._name = name
         self._at = 0
 
-    def take(self, count: int) -> FloatArray:
+    def read(self, count: int) -> FloatArray:
         words = self._words[self._at : self._at + count]
         if len(words) < count:
             raise SolariError(f"{self._name}: ends early: {count - len(words)} further numbers are missing")
@@ -307,13 +307,13 @@ class _Numbers:
         raise SolariError(f"{self._name}: has the word {quoted(wrong)} where a number belongs, after TILT=")
 
     def count(self, what: str) -> int:
-        [number] = self.take(1)
+        [number] = self.read(1)
         if not (0 < number < 2**24 and number == int(number)):
             raise SolariError(f"{self._name}: the number of {what} must be a count of at least 1, not {number:g}")
         return int(number)
 
     def factor(self, what: str) -> float:
-        [number] = self.take(1)
+        [number] = self.read(1)
         if not 0 <= number < math.inf:
             raise SolariError(f"{self._name}: {what} must be a finite number of at least 0, not {number:g}")
         return float(number)

@@ -150,18 +150,18 @@ def _orient_without_uv(
     preserving: NDArray[np.bool_], has_uv: NDArray[np.bool_], neighbor: Integers
 ) -> NDArray[np.bool_]:
     """Triangles without a uv area take the orientation of a neighbor, so that groups reach across them."""
-    preserving, settled = preserving.copy(), has_uv.copy()
+    preserving, oriented = preserving.copy(), has_uv.copy()
     across = np.where(neighbor >= 0, neighbor // 3, -1).reshape(-1, 3)
     # Each round reaches one triangle farther; longer strips without uvs keep their own orientation.
     for _ in range(64):
-        open_ones = np.flatnonzero(~settled)
-        known = (across[open_ones] >= 0) & settled[across[open_ones]]
+        unoriented = np.flatnonzero(~oriented)
+        known = (across[unoriented] >= 0) & oriented[across[unoriented]]
         reached = known.any(axis=1)
         if not reached.any():
             break
-        donor = across[open_ones, np.argmax(known, axis=1)][reached]
-        preserving[open_ones[reached]] = preserving[donor]
-        settled[open_ones[reached]] = True
+        donor = across[unoriented, np.argmax(known, axis=1)][reached]
+        preserving[unoriented[reached]] = preserving[donor]
+        oriented[unoriented[reached]] = True
     return preserving
 
 

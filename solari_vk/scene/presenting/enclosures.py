@@ -19,7 +19,7 @@ Floats = NDArray[np.float64]
 MAX_POINTS = 2**20  # beyond that the corners of bounding boxes stand for vertices
 MAX_TRIANGLES = 2**16  # that rays see: the largest
 DIRECTION_COUNT = 192
-FEW_DIRECTIONS, SLACK_OF_FEW = 24, 0.25  # which settle most places
+FEW_DIRECTIONS, SLACK_OF_FEW = 24, 0.25  # for a first test, which decides most places
 # The center of a room sees front faces in this share of directions, and has a ceiling at a height in meters. Jars and
 # boxes enclose their center too, but are smaller.
 ROOM_SHARE = 0.8

@@ -13,7 +13,7 @@ from solari_vk.scene.animation.keyframes import INTERPOLATIONS, WIDTHS, Channel
 from solari_vk.scene.animation.rig import Rig
 from solari_vk.scene.files.gltf.accessors import Accessors
 from solari_vk.scene.files.gltf.document import Document
-from solari_vk.scene.files.gltf.nodes import PlacedNode, local_matrix, own_visibility
+from solari_vk.scene.files.gltf.nodes import PlacedNode, local_matrix, node_visibility
 from solari_vk.scene.files.gltf.pointers import NODE, AnimatedObject, Property
 from solari_vk.scene.files.gltf.report import Report
 from solari_vk.scene.files.gltf.values import Entry, shown
@@ -83,7 +83,7 @@ class Animations:
             [entry.numbers("rotation", _NO_ROTATION) for entry in entries],
             [entry.numbers("scale", (1.0, 1.0, 1.0)) for entry in entries],
             bases,
-            [own_visibility(entry) for entry in entries],
+            [node_visibility(entry) for entry in entries],
         )
 
     def finish(self, find: Callable[[str, int, bool], AnimatedObject | None]) -> list[Animation]:

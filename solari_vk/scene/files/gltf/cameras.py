@@ -7,7 +7,7 @@ from typing import Any
 
 from solari_vk.scene.calibrated import LENS_FIELDS
 from solari_vk.scene.files.gltf.document import Document
-from solari_vk.scene.files.gltf.extras import read_own
+from solari_vk.scene.files.gltf.extras import read_extras
 from solari_vk.scene.files.gltf.nodes import PlacedNode
 from solari_vk.scene.files.gltf.report import Report
 from solari_vk.scene.files.gltf.values import Entry
@@ -15,7 +15,7 @@ from solari_vk.scene.matrices import upright
 from solari_vk.scene.model import Camera
 
 ANGLE = "vertical_fov"  # is a word of glTF's, but for cameras that see more, and orthographic ones
-OWN = (
+CAMERA_EXTRAS = (
     "aperture",
     "aperture_blades",
     "aperture_rotation",
@@ -42,7 +42,7 @@ def make_camera(document: Document, node: PlacedNode, report: Report) -> Camera 
     if lens is None:
         report.add("orthographic cameras without a height are left out", node.entry.place)
         return None
-    own = read_own(entry, OWN) | {"name": node.entry.name or entry.name}
+    own = read_extras(entry, CAMERA_EXTRAS) | {"name": node.entry.name or entry.name}
     return Camera(transform=transform, **lens | own)
 
 

@@ -55,7 +55,7 @@ class Document:
         self._buffers: dict[int, Bytes] = {}
         self._unpacked: dict[int, Bytes] = {}
         self._decoded_bytes = 0
-        self.held_bytes = 0
+        self.buffer_bytes = 0
         self.version = self._checked_version()
 
     # ---- the JSON -----------------------------------------------------------------------------------
@@ -156,12 +156,12 @@ class Document:
         """
         self._decoded_bytes += size
         # Else a small compressed view would count for as much as it claims to hold.
-        self.held_bytes += min(size, 4 * compressed)
+        self.buffer_bytes += min(size, 4 * compressed)
         # Many accessors over the same bytes make a small file large: sixteen times the file's bytes are allowed.
-        if self._decoded_bytes > 32 * 2**20 + 16 * self.held_bytes:
+        if self._decoded_bytes > 32 * 2**20 + 16 * self.buffer_bytes:
             raise WholeFileError(
                 f"{user.file}: {user.place} makes the geometry {self._decoded_bytes >> 20} MiB large although the "
-                f"file's buffers have only {self.held_bytes >> 20} MiB: its accessors overlap or have no data, so it "
+                f"file's buffers have only {self.buffer_bytes >> 20} MiB: its accessors overlap or have no data, so it "
                 "is damaged or hostile"
             )
         user.charge(size, "its data")
@@ -200,7 +200,7 @@ class Document:
         buffer = self._buffers.get(number)
         if buffer is None:
             buffer = self._buffers[number] = self._load_buffer(number, part)
-            self.held_bytes += len(buffer)
+            self.buffer_bytes += len(buffer)
         offset, length = part.integer("byteOffset", 0), part.integer("byteLength", low=1)
         if offset + length > len(buffer):
             raise part.error(

@@ -15,7 +15,7 @@ KEY = "solari_vk"
 PORTAL = "portal"  # of a node that is one
 
 
-def read_own(entry: Entry, names: Iterable[str]) -> dict[str, Any]:
+def read_extras(entry: Entry, names: Iterable[str]) -> dict[str, Any]:
     """Those of our fields that the extras of an object have. The classes of the scene check their values."""
     extras = entry.data.get("extras")  # which may be anything in files of others
     found = extras.get(KEY) if isinstance(extras, dict) else None
@@ -26,7 +26,7 @@ def read_label(entry: Entry, report: Report, name: str = "label") -> str:
     """The `label` or `part_of` of a node's meshes: ours, or else the text in the extras of files of others."""
     extras = entry.data.get("extras")
     # Blender writes custom properties of objects there, such as a label.
-    found = {**(extras if isinstance(extras, dict) else {}), **read_own(entry, (name,))}.get(name, "")
+    found = {**(extras if isinstance(extras, dict) else {}), **read_extras(entry, (name,))}.get(name, "")
     with report.costs("wrong labels are left out"):
         try:
             return checks.line(found)
@@ -35,7 +35,7 @@ def read_label(entry: Entry, report: Report, name: str = "label") -> str:
     return ""
 
 
-def write_own(item: Any, names: Container[str]) -> dict[str, Any]:
+def write_extras(item: Any, names: Container[str]) -> dict[str, Any]:
     """The `extras` with those fields of an object that glTF has no word for and that aren't as by default."""
     changed = {}
     for field in dataclasses.fields(item):

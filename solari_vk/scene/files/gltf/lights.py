@@ -10,7 +10,7 @@ import numpy as np
 
 from solari_vk.scene.checks import LARGEST_COORDINATE, FloatArray
 from solari_vk.scene.files.gltf.document import Document
-from solari_vk.scene.files.gltf.extras import read_own
+from solari_vk.scene.files.gltf.extras import read_extras
 from solari_vk.scene.files.gltf.nodes import PlacedNode
 from solari_vk.scene.files.gltf.report import Report
 from solari_vk.scene.files.gltf.values import Entry, shown
@@ -23,9 +23,9 @@ from solari_vk.scene.matrices import upright
 EXTENSION, PROFILES = "KHR_lights_punctual", "EXT_lights_ies"
 MAX_INTENSITY = 1e15  # in lux or cd, of the scene's lights
 MIN_RANGE, MAX_RANGE = 1e-5, 1e18  # in meters, of the scene's lights; the latter is no limit
-OWN = ("radius", "blocks_light", "angular_diameter")
+LIGHT_EXTRAS = ("radius", "blocks_light", "angular_diameter")
 """The fields that glTF has no word for. `Scene.save` writes them as `extras`."""
-OWN_OF_PROFILES = ("radius", "blocks_light", "range")
+PROFILE_EXTRAS = ("radius", "blocks_light", "range")
 HARD_EDGE = 1e-3  # how much smaller the inner cone is made where a file has none that is smaller
 
 
@@ -48,7 +48,7 @@ class Lights:
             self._report.add("lights whose node's transform is singular are left out", node.entry.place)
             return None
         # Suns have an angular diameter, lamps a radius.
-        fields |= read_own(entry, OWN[2:] if kind == "directional" else OWN[:2])
+        fields |= read_extras(entry, LIGHT_EXTRAS[2:] if kind == "directional" else LIGHT_EXTRAS[:2])
         fields["name"] = node.entry.name or entry.name
         if kind == "directional":
             return DirectionalLight(direction=_travel(place), **fields)
@@ -70,7 +70,7 @@ class Lights:
             horizontal=place[:3, 0].astype(np.float32),
             name=node.entry.name,
             **self.luminaire_fields(node.entry),
-            **read_own(user, OWN_OF_PROFILES),
+            **read_extras(user, PROFILE_EXTRAS),
         )
 
     def luminaire_fields(self, node: Entry) -> dict[str, Any]:

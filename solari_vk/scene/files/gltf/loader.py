@@ -18,7 +18,7 @@ from solari_vk.scene.files.gltf.cameras import DEFAULT, make_camera, read_lens
 from solari_vk.scene.files.gltf.document import Document
 from solari_vk.scene.files.gltf.draco import DracoMeshes
 from solari_vk.scene.files.gltf.extensions import SUPPORTED_EXTENSIONS
-from solari_vk.scene.files.gltf.extras import PORTAL, read_label, read_own
+from solari_vk.scene.files.gltf.extras import PORTAL, read_extras, read_label
 from solari_vk.scene.files.gltf.image_lights import EXTENSION as ENVIRONMENT
 from solari_vk.scene.files.gltf.image_lights import read_environment
 from solari_vk.scene.files.gltf.lights import EXTENSION as LIGHTS
@@ -174,14 +174,14 @@ class _Loader:
                 self._add(node, luminaire)
                 if luminaire is not None:
                     self._animatable["nodes", node.number] = [(node, luminaire)]
-        if read_own(entry, (PORTAL,)).get(PORTAL) is True:
+        if read_extras(entry, (PORTAL,)).get(PORTAL) is True:
             with self._report.costs("portals without an area are left out"):
                 self._add(node, Portal(**Portal.placed(node.world), name=entry.name))
 
     def _add_camera(self, node: PlacedNode) -> None:
         camera = make_camera(self._document, node, self._report)
         self._add(node, self._followed(node, camera))
-        if camera is not None and read_own(node.entry, (DEFAULT,)).get(DEFAULT) is True:
+        if camera is not None and read_extras(node.entry, (DEFAULT,)).get(DEFAULT) is True:
             self._scene.camera = camera
 
     def _check_instance_count(self, placed: dict[int, PlacedNode]) -> None:
@@ -193,7 +193,7 @@ class _Loader:
                     count += repetitions(node, self._accessors)[0] * len(self._primitives_of(node))
                 # Each instance of EXT_mesh_gpu_instancing has at least twelve bytes in a buffer.
                 # Nodes can repeat a mesh of many primitives: a file of 1 MB could ask for a billion instances.
-                allowed = SPARE_INSTANCES + len(placed) + self._document.held_bytes // 12
+                allowed = SPARE_INSTANCES + len(placed) + self._document.buffer_bytes // 12
                 if count > allowed:
                     raise node.entry.error(f"brings the scene above {allowed} instances of primitives; split the file")
         self._document.root.charge(_BYTES_PER_INSTANCE * count, f"{count:,} instances")
@@ -335,7 +335,7 @@ class _Loader:
         if skinned and row is not None:
             self._animations.rig.attach_side(instance, row, mirrored)
         self._add(node, instance, local, moves=not skinned)
-        if read_own(node.entry, ("backdrop",)).get("backdrop") is True:
+        if read_extras(node.entry, ("backdrop",)).get("backdrop") is True:
             self._scene.backdrop = instance
 
     def _parts(self, node: PlacedNode, mesh: Entry, skinned: bool) -> list[Part]:

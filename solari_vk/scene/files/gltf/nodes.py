@@ -83,7 +83,7 @@ def walk(document: Document, first: list[int], owner: Entry) -> dict[int, Placed
                 "and none is below itself; export the file again"
             )
         world = parent @ local_matrix(entry)
-        visible = visible and own_visibility(entry)
+        visible = visible and node_visibility(entry)
         placed[number] = PlacedNode(number, above, entry, world, visible)
         waiting.extend((child, number, world, visible, entry) for child in reversed(entry.integers("children")))
     return placed
@@ -100,7 +100,7 @@ def _coarser_levels(document: Document) -> set[int]:
     return found
 
 
-def own_visibility(entry: Entry) -> bool:
+def node_visibility(entry: Entry) -> bool:
     """Whether a node shows what hangs on it and below it, if all above it do."""
     visibility = entry.extension("KHR_node_visibility")
     return visibility is None or visibility.flag("visible", True)

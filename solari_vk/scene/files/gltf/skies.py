@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from solari_vk.scene.checks import LARGEST_RADIANCE
 from solari_vk.scene.files.gltf.document import Document
-from solari_vk.scene.files.gltf.extras import read_own
+from solari_vk.scene.files.gltf.extras import read_extras
 from solari_vk.scene.files.gltf.image_lights import are_equal_squares, unroll_cube
 from solari_vk.scene.files.gltf.images import Images
 from solari_vk.scene.files.gltf.report import Report
@@ -91,7 +91,7 @@ def _panorama(document: Document, fields: Entry, sky: Entry, report: Report, str
     choices = [images_of(document.item("texture", number, fields)) for number in _panorama_textures(fields)]
     images = Images(document, report, strict)
     # The extension has +z in the middle of the map, Environment +x. A file of this package has a rotation of its own.
-    turn = read_own(sky, ("rotation",)).get("rotation", -math.pi / 2)
+    turn = read_extras(sky, ("rotation",)).get("rotation", -math.pi / 2)
     if not is_cube and choices[0]:
         # An EXR file has light of any brightness, and isn't rounded to 8 bits.
         light = images.light(choices[0][0], fields)

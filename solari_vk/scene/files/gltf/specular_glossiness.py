@@ -9,6 +9,7 @@ on, by channel, so that only the quotient of the two remains to be put into the 
 from __future__ import annotations
 
 from dataclasses import fields as fields_of
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -74,7 +75,7 @@ class Baker:
         entry.charge(0, "splitting its textures", working=_WORKING_BYTES * area)
         changed: dict[str, Any] = {
             "perceptual_roughness": 1.0,
-            "metallic_roughness_texture": self._kept(entry, texture, (gloss,), lambda: _roughness(texture, gloss)),
+            "metallic_roughness_texture": self._texture(entry, texture, (gloss,), partial(_roughness, texture, gloss)),
         }
         share = diffuse_share(f0 * LINEAR_OF_SRGB[texture.image.pixels[..., :3]])
         # Less than one code of 8 bits.
@@ -83,7 +84,8 @@ class Baker:
         # Pixels can be multiplied only where both textures lie alike on the surface.
         if painted is None or _sampling(painted) == _sampling(texture):
             key = (id(painted), *f0)
-            changed["base_color_texture"] = self._kept(entry, texture, key, lambda: _painted(painted, texture, share))
+            make = partial(_painted, painted, share)
+            changed["base_color_texture"] = self._texture(entry, texture, key, make)
         else:
             changed["base_color"] = fields["base_color"] * share.mean(axis=(0, 1))
             self._report.add(
@@ -93,7 +95,7 @@ class Baker:
             )
         return changed
 
-    def _kept(self, entry: Entry, texture: Texture, key: tuple[Any, ...], make: Any) -> Texture:
+    def _texture(self, entry: Entry, texture: Texture, key: tuple[Any, ...], make: Any) -> Texture:
         found = self._made.get((id(texture), *key))
         if found is None:
             pixels = make()
@@ -111,7 +113,7 @@ def _roughness(texture: Texture, gloss: float) -> NDArray[np.uint8]:
     return pixels
 
 
-def _painted(painted: Texture | None, texture: Texture, share: Floats) -> NDArray[np.uint8]:
+def _painted(painted: Texture | None, share: Floats) -> NDArray[np.uint8]:
     """The pixels of a base color texture times shares (h, w, 3), in the larger of both sizes."""
     given = np.full((1, 1, 4), 255, np.uint8) if painted is None else painted.image.pixels
     height, width = np.maximum(given.shape[:2], share.shape[:2])

@@ -10,13 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solari_vk.scene.camera import Camera
-from solari_vk.scene.files.gltf.cameras import ANGLE, LARGEST_YFOV
-from solari_vk.scene.files.gltf.cameras import OWN as OWN_OF_CAMERAS
+from solari_vk.scene.files.gltf.cameras import ANGLE, CAMERA_EXTRAS, LARGEST_YFOV
 from solari_vk.scene.files.gltf.extras import KEY as EXTRAS
-from solari_vk.scene.files.gltf.extras import PORTAL, write_own
+from solari_vk.scene.files.gltf.extras import PORTAL, write_extras
 from solari_vk.scene.files.gltf.lights import EXTENSION as LIGHTS
-from solari_vk.scene.files.gltf.lights import MAX_INTENSITY, OWN_OF_PROFILES, PROFILES
-from solari_vk.scene.files.gltf.lights import OWN as OWN_OF_LIGHTS
+from solari_vk.scene.files.gltf.lights import LIGHT_EXTRAS, MAX_INTENSITY, PROFILE_EXTRAS, PROFILES
 from solari_vk.scene.files.gltf.saving.content import Content, plain
 from solari_vk.scene.files.gltf.saving.shapes import Shapes, Variants
 from solari_vk.scene.lights.directional import DirectionalLight
@@ -139,7 +137,7 @@ class Nodes:
             lens = {"xmag": height, "ymag": height, "znear": camera.near, "zfar": max(_FAR, 2 * camera.near)}
         kind = "orthographic" if height else "perspective"
         is_own = height or yfov < camera.vertical_fov
-        own = write_own(camera, OWN_OF_CAMERAS if is_own else [name for name in OWN_OF_CAMERAS if name != ANGLE])
+        own = write_extras(camera, CAMERA_EXTRAS if is_own else [name for name in CAMERA_EXTRAS if name != ANGLE])
         if camera.has_exposure:  # also 0: `open` keeps the exposure of files that have one
             own.setdefault(EXTRAS, {})["ev100"] = camera.ev100
         if camera.has_lens:
@@ -172,7 +170,7 @@ class Nodes:
             # The scene allows a little more than pi / 2, for rounding.
             outer = min(light.outer_cone_angle, math.pi / 2)
             fields["spot"] = {"innerConeAngle": light.inner_cone_angle, "outerConeAngle": outer}
-        fields["extras"] = write_own(light, OWN_OF_LIGHTS)
+        fields["extras"] = write_extras(light, LIGHT_EXTRAS)
         lights = self._content.use(LIGHTS, {"lights": []})["lights"]
         lights.append({name: value for name, value in fields.items() if value not in (None, {})})
         self._content.written[light] = f"/extensions/{LIGHTS}/lights/{len(lights) - 1}", lights[-1]
@@ -199,7 +197,7 @@ class Nodes:
         number = self.place(parent, _facing(light) if matrix is None else matrix, name=light.name)
         color, intensity = self._color(light, light.intensity)
         fields = {"light": self._profiles[profile], "multiplier": intensity / (profile.peak or 1.0), "color": color}
-        own = write_own(light, OWN_OF_PROFILES)
+        own = write_extras(light, PROFILE_EXTRAS)
         if own:
             fields["extras"] = own
         self._content.use(PROFILES, fields, self._content.json["nodes"][number])
@@ -209,7 +207,7 @@ class Nodes:
 
 def node_extras(scene: Any, instance: Instance) -> dict[str, Any]:
     """The extras of an instance's node."""
-    own = write_own(instance, ("label", "part_of")).get(EXTRAS, {})
+    own = write_extras(instance, ("label", "part_of")).get(EXTRAS, {})
     own |= {"backdrop": True} if instance is scene.backdrop else {}
     return {EXTRAS: own} if own else {}
 
