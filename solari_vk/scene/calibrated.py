@@ -153,6 +153,7 @@ class Calibrated:
             raise SolariError(f"{self.describe()}: orthographic cameras, panoramas and cubes have no intrinsic matrix")
         width, height = _size(size)
         fy = height / 2 / lens_of(self, (width, height)).half[1]
+        # The jitter moves the picture, so that the principal point moves the other way.
         (x, y), (dx, dy) = self.principal_point.tolist(), self.jitter.tolist()
         return np.array([[fy * self.pixel_aspect, 0, x * width - dx - 0.5], [0, fy, y * height - dy - 0.5], [0, 0, 1]])
 
@@ -179,6 +180,7 @@ class Calibrated:
         given = np.asarray(points, np.float64)
         if given.shape[-1:] != (3,):
             raise SolariError(f"Camera.project: points have the shape (..., 3), not {given.shape}")
+        # In OpenCV's camera frame.
         seen = given @ rotation.T + shift
         lens, center, scale = self._pixels(size)
         if self.orthographic_height:

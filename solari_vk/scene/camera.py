@@ -218,6 +218,7 @@ class Camera(Checked, Placed, Calibrated):
         camera = cls.look_at(center - np.asarray(direction, np.float64), center, vertical_fov=vertical_fov, **fields)
         corners = np.array(list(product(*zip(low, high, strict=True))))
         seen = (corners - center) @ camera.transform[:3, :3]
+        # Half the picture's width and height at a distance of 1.
         slope = np.array((math.tan(vertical_fov / 2) * aspect, math.tan(vertical_fov / 2)))
         # The distance at which each corner is on the edge of the picture; z points towards the camera.
         distance = float((np.abs(seen[:, :2]) * margin / slope + seen[:, 2:]).max())
@@ -227,6 +228,7 @@ class Camera(Checked, Placed, Calibrated):
         # The near plane in proportion to the box: a fixed one would cut small boxes.
         camera.update(transform=transform, near=max(1e-4 * extent, 1e-9))
         if orthographic:
+            # The distance doesn't matter to a parallel projection, but what is before the near plane does.
             half_width, half_height = np.abs(seen[:, :2]).max(axis=0)
             camera.orthographic_height = 2 * margin * max(half_height, half_width / aspect)
         return camera
@@ -289,6 +291,7 @@ class Camera(Checked, Placed, Calibrated):
             raise SolariError(
                 f"{self.describe()}: a {kind} camera with a lens model isn't orthographic: set orthographic_height to 0"
             )
+        # A field without an effect is most likely a mistake.
         unused = set(self.lens_fields()) & UNUSED[kind]
         if unused:
             raise SolariError(f"{self.describe()}: a {kind} camera has no {' or '.join(sorted(unused))}")

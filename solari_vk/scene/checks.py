@@ -137,6 +137,7 @@ def pixels(value: Any) -> NDArray[np.uint8]:
 
 def check_whole(what: str, value: Any, low: int = 0, high: int | None = None) -> None:
     """Raise SolariError for what isn't a whole number from `low` on, up to `high`. what: the start of the message."""
+    # True is an int in Python.
     whole = isinstance(value, (int, np.integer)) and not isinstance(value, bool)
     if not whole or value < low or (high is not None and value > high):
         limits = f"from {low} on" if high is None else f"from {low} to {high}"

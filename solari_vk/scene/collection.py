@@ -70,6 +70,7 @@ class Collection(Generic[Item]):
         return iter(self._as_list())
 
     def __contains__(self, item: object) -> bool:
+        # Names are searched, objects are found by hash.
         return item in self.names if isinstance(item, str) else item in self._items
 
     def __repr__(self) -> str:

@@ -251,6 +251,7 @@ def copies(instances: Iterable[Instance], lights: Iterable[Any], name: str, take
 
     name: of a single instance; it precedes those of several. taken: the names of objects that they aren't parts of.
     """
+    # Instances are copied, meshes and materials shared: they are most of the memory.
     made: list[Any] = [dataclasses.replace(instance) for instance in instances]
     used, objects = dict.fromkeys(taken, 1), {"": ""}
     for instance in made:

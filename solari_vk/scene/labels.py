@@ -57,6 +57,7 @@ def find_labels(
         # In the order of the file: the first pattern counts.
         fitting = [pattern for pattern in named if fits(instance, pattern, floor)]
         for pattern in fitting:
+            # Also of patterns that fit later than another: they aren't misspelt.
             unused.pop(pattern, None)
         if fitting:
             found[instance] = named[fitting[0]]

@@ -54,6 +54,7 @@ def open(path: str | os.PathLike[str], *, environment: str = "auto", **options: 
     name = str(path)
     is_builtin = name.startswith("builtin:")
     scene = builtin(name.removeprefix("builtin:"), **options) if is_builtin else load(path, **options)
+    # The light is placed by the default camera.
     _, in_studio = surround(scene, scene.camera, environment)
     scene._camera = None  # renderers frame a scene without a camera for their own pictures
     if not is_builtin:

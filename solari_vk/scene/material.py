@@ -313,6 +313,7 @@ class Material(TensorFields):
     @property
     def has_layers(self) -> bool:
         """Whether shaders need more than a diffuse lobe below an isotropic specular one of full weight, or glass."""
+        # The host doesn't know the values of tensors.
         if not self._tensors.keys().isdisjoint(LAYERS):
             return True  # tensors give these where shaders have layers
         # Each of these brings the shader with layers, which costs more at each hit.

@@ -56,6 +56,7 @@ def euler(x: float = 0.0, y: float = 0.0, z: float = 0.0) -> NDArray[np.float64]
     """
     try:
         halves = [math.radians(float(angle)) / 2 for angle in (x, y, z)]
+        # The product of three quaternions, each of which turns about one axis.
         (a, b, c), (i, j, k) = map(math.cos, halves), map(math.sin, halves)
         if math.isnan(a + b + c):
             raise ValueError

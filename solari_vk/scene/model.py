@@ -52,6 +52,7 @@ class Scene(Grouping, Observable):
         self._lights: Items[Light] = Items("light", (Light,), self._notify)
         self._cameras: Items[Camera] = Items("camera", (Camera,), self._notify)
         self._animations: Items[Animation] = Items("animation", (Animation,), self._notify)
+        # Set by a user or a file, or made by `camera_for`.
         self._camera: Camera | None = None
         self._meters: bool | None = None  # whether the camera that is made by default chooses its exposure; False: 0
         self.backdrop: Instance | None = None
@@ -65,6 +66,7 @@ class Scene(Grouping, Observable):
             self.add(item)
 
     def __setattr__(self, name: str, value: Any) -> None:
+        # A misspelt field would have no effect, and nobody would notice.
         if name not in SCENE_FIELDS and not name.startswith("_"):
             if name in COLLECTIONS:
                 raise SolariError(f"Scene.{name} can't be replaced: use scene.{name}.add and scene.{name}.remove")
@@ -302,6 +304,7 @@ class Scene(Grouping, Observable):
         if self._camera is None:
             if self._cameras:
                 return self._cameras[0]
+            # Made once, so that a turn of the view doesn't jump when objects move.
             camera = default_camera(poses(self, self._shown_instances, clip), aspect, turns)
             if camera is None:
                 return Camera()

@@ -224,6 +224,7 @@ class Instance(Checked, Scaled):
         mesh, deformation = self.mesh, self.mesh.deformation
         if not self.posed or deformation is None:
             return mesh
+        # Textures and colors stay with their vertices.
         parts = deformation.pose(mesh.positions, mesh.normals, mesh.tangents, self.joint_matrices, self.morph_weights)
         fields: dict[str, Any] = dict(zip(("positions", "normals", "tangents"), parts, strict=True))
         fields |= {name: getattr(mesh, name) for name in ("triangles", "uvs", "second_uvs", "colors", "name")}

@@ -145,6 +145,7 @@ class Checked(Observable):
             field = cls._aliases.get(name, name)
             if field not in cls._names and field not in cls._derived:
                 raise unknown_name(f"{cls.__name__} has no field", name, [*cls._names, *cls._aliases, *cls._derived])
+            # By two of its names.
             if field in names:
                 raise SolariError(f"{cls.__name__}: {names[field]} and {name} name the same field: give one of them")
             names[field] = name

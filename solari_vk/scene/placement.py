@@ -91,6 +91,7 @@ def placed(
 def resolved(cls: type[Any], given: dict[str, Any], current: Any) -> dict[str, Any]:
     """`Checked._resolve` of what has a transform."""
     changed = {name: given.pop(name) for name in PARTS if name in given}
+    # Parts that are given with a transform replace its own.
     before = given.pop("transform", None if current is None else current.transform)
     who = cls.__name__ if current is None else current.describe()
     return given | {"transform": placed(before, who, **changed)}

@@ -61,6 +61,7 @@ def facing_quad(center: ArrayLike, half_side: float, target: ArrayLike = (0, 0, 
     normal /= distance
     side = np.cross((0.0, 1.0, 0.0), normal)
     length = np.linalg.norm(side)
+    # Above or below the target any horizontal side is level.
     side = half_side * (side / length if length > 1e-6 else np.array((1.0, 0.0, 0.0)))
     return quad(center, side, np.cross(normal, side), name="lamp")
 
@@ -85,6 +86,7 @@ def box(low: ArrayLike | None = None, high: ArrayLike | None = None, inward: boo
     faces = []
     for axis in range(3):
         u, v = np.zeros(3), np.zeros(3)
+        # Cyclic order, so that cross(u, v) points along the axis.
         u[(axis + 1) % 3], v[(axis + 2) % 3] = half[(axis + 1) % 3], half[(axis + 2) % 3]
         for sign in (-1.0, 1.0):
             face = center.copy()

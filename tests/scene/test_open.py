@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
+
 import numpy as np
 import pytest
 
 import solari_vk as sv
 from solari_vk.cli.jobs import RenderOptions
 from solari_vk.cli.loading import load_scene
+from solari_vk.scene.files import formats
 
 
 def sun_file(writer):
@@ -66,3 +70,26 @@ def test_files_keep_the_exposure_that_they_were_saved_with(writer, ev100):
     scene.camera.auto_exposure = True
     scene.save(path)
     assert sv.open(path).camera.auto_exposure
+
+
+def test_a_format_registers_itself(tmp_path, monkeypatch):
+    """`load`, `Scene.add` and the list of formats know a format by its own module alone."""
+    known = formats.readable_suffixes()
+    monkeypatch.setattr(formats, "_READERS", dict(formats._READERS))
+
+    @formats.reads(".dots", options=("unit",), only=".dots files have a unit")
+    def read_dots(path, *, strict, unit=1.0):
+        return sv.Scene(sv.Instance(sv.shapes.sphere(unit)), name="dots")
+
+    path = tmp_path / "some.DOTS"
+    path.touch()
+    assert formats.readable_suffixes() == (*known, ".dots")
+    assert sv.load(path, unit=2.0).bounds.size[0] == pytest.approx(4)
+    assert sv.Scene().add(path).name == "dots"
+    with pytest.raises(sv.SolariError, match="only glTF files have scenes and variants"):
+        sv.load(path, variant="red")
+
+
+def test_formats_are_imported_when_a_file_is_read():
+    code = "import sys, solari_vk as sv; sv.load; sv.Scene; assert not any('gltf' in name for name in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0

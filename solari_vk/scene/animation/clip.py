@@ -42,6 +42,7 @@ class Animation(Checked):
             count = len(self.rig.properties) if what == "property" else self.rig.count
             if not 0 <= channel.node < count:
                 raise SolariError(f"{self.describe()}: there is no {what} {channel.node} among {count}")
+        # Sorted once for all the times at which the clip is played.
         object.__setattr__(self, "_tracks", tracks(self.channels))
         object.__setattr__(self, "_duration", max((channel.times[-1] for channel in self.channels), default=0.0))
 

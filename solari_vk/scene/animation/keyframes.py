@@ -128,6 +128,7 @@ def tracks(channels: Iterable[Channel]) -> list[Track]:
         seen[target] = seen.get(target, -1) + 1
         key = channel.path, channel.interpolation, channel.values.shape[-1], seen[target]
         groups.setdefault(key, []).append(channel)
+    # Tracks are applied in this order.
     return [Track(group) for _, group in sorted(groups.items(), key=lambda item: item[0][3])]
 
 

@@ -195,14 +195,13 @@ class Rig:
         turns *= np.where((turns * turns[0]).sum(axis=2, keepdims=True) < 0, -1, 1)
         mean = {name: np.tensordot(shares, values, 1) for name, values in (parts | {"rotation": turns}).items()}
         mean["rotation"] = unit_quaternions(mean["rotation"])
-        weights = {
-            node: np.asarray(shares @ np.stack([pose.weights.get(node, resting) for pose in poses]))
-            for _, node, resting in self.weighted
-        }
-        properties = {
-            number: np.asarray(shares @ np.stack([pose.properties.get(number, resting) for pose in poses]))
-            for number, (_, _, resting) in enumerate(self.properties)
-        }
+        weights = {}
+        for _, node, resting in self.weighted:
+            weights[node] = np.asarray(shares @ np.stack([pose.weights.get(node, resting) for pose in poses]))
+        properties = {}
+        for number, (_, _, resting) in enumerate(self.properties):
+            values = [pose.properties.get(number, resting) for pose in poses]
+            properties[number] = np.asarray(shares @ np.stack(values))
         moved: NDArray[np.bool_] = np.logical_or.reduce([pose.moved for pose in poses])
         shown = shares @ np.stack([pose.visible for pose in poses])
         return Pose(mean, moved, np.asarray(shown >= 0.5), weights, properties)

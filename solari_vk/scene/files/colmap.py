@@ -93,9 +93,9 @@ def _image(
         for place, term in zip(places, terms, strict=True):
             distortion[place] = term
     except (ValueError, IndexError):
+        count = (3 if is_simple else 4) + len(places)
         raise SolariError(
-            f"{path}, line {number}: a camera of the model {model} has a size and "
-            f"{3 + (not is_simple) + len(places)} parameters"
+            f"{path}, line {number}: a camera of the model {model} has a size and {count} parameters"
         ) from None
     fisheye = model == "OPENCV_FISHEYE"
     matrix = np.array([[fx, 0, cx - CENTER], [0, fy, cy - CENTER], [0, 0, 1]])
@@ -153,8 +153,13 @@ def _lens(camera: Camera, size: tuple[int, int]) -> str:
             f"save_colmap: {camera.describe()}: COLMAP has no model for this {camera.projection} camera "
             f"with {len(given)} numbers of distortion"
         )
-    fisheye, distortion = camera.projection == "fisheye", [*given, *[0.0] * 8][:8]
-    model = "OPENCV_FISHEYE" if fisheye else "FULL_OPENCV" if any(distortion[4:]) else "OPENCV" if given else "PINHOLE"
+    distortion = [*given, *[0.0] * 8][:8]
+    if camera.projection == "fisheye":
+        model = "OPENCV_FISHEYE"
+    elif any(distortion[4:]):
+        model = "FULL_OPENCV"
+    else:
+        model = "OPENCV" if given else "PINHOLE"
     (fx, _, cx), (_, fy, cy), _ = camera.intrinsics(size).tolist()
     parameters = fx, fy, cx + CENTER, cy + CENTER, *distortion[: len(MODELS[model][0])]
     return " ".join((model, *map(str, size), *(f"{value:.17g}" for value in parameters)))

@@ -94,6 +94,7 @@ def read_file(
     for other in _READERS.values():
         if given.keys() & set(other.options) - set(reader.options):
             raise SolariError(f"{path}: only {other.only}")
+    # All of a file counts together, whatever reader it has.
     with load_budget(memory, seconds):
         return reader.read(path, strict=strict, **given)
 

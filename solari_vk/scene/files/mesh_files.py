@@ -55,6 +55,7 @@ def load_mesh_file(
         raise SolariError(f"{path}: the unit must be from 1e-12 to 1e12 meters, not {unit}")
     if up is not None and up not in UP_AXES.values() and up != "x":
         raise SolariError(f"{path}: up: the axis that points up is 'x', 'y' or 'z', not {quoted(up)}")
+    # From the file's axes and unit to the scene's.
     turn = _upright(up or UP_AXES[path.suffix.lower()]) * unit
     scene = Scene(name=path.stem)
     files = MtlFiles(path.parent)
@@ -147,6 +148,7 @@ def _add(
             "export the file again, or give its unit"
         )
     a, b, c = (positions[triangles[:, corner]] for corner in range(3))
+    # Triangles without area have no normal.
     triangles = triangles[np.cross(b - a, c - a).any(axis=1)]
     if not len(triangles):
         scene.warnings.append(f"parts whose triangles have no area are left out: '{name}'")

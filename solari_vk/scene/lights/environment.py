@@ -50,6 +50,7 @@ class EnvironmentLight(Light):
     @property
     def brightest(self) -> NDArray[np.float64]:
         """The direction (3,) in the world of the texel that sends the most light."""
+        # Maps have directions of their own; the rotation turns them into the world's.
         found: NDArray[np.float64] = self.rotation.astype(np.float64) @ self._facts()[2]
         return found
 

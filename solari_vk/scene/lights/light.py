@@ -48,7 +48,9 @@ def kelvin(temperature: float) -> FloatArray:
     if not isinstance(temperature, (int, float, np.number)) or not COLDEST <= temperature <= HOTTEST:
         raise SolariError(f"kelvin: a temperature must be from {COLDEST:g} to {HOTTEST:g} K, not {quoted(temperature)}")
     x = np.polyval(_X_WARM if temperature <= 4000 else _X_COLD, 1000 / temperature)
-    y = np.polyval(_Y_RED if temperature <= 2222 else _Y_WARM if temperature <= 4000 else _Y_COLD, x)
+    y_terms = _Y_WARM if temperature <= 4000 else _Y_COLD
+    y = np.polyval(_Y_RED if temperature <= 2222 else y_terms, x)
+    # Below about 1900 K the color lies outside of Rec. 709, and blue is cut off at 0.
     color = np.clip(_RGB_OF_XYZ @ (x / y, 1, (1 - x - y) / y), 0, None)
     found: FloatArray = (color / (color @ np.array(LUMINANCE_WEIGHTS))).astype(np.float32)
     return found

@@ -57,7 +57,8 @@ class LightProfile:
         *,
         name: str = "light profile",
     ) -> None:
-        self.name, self.photometry = name, photometry
+        self.name = name
+        self.photometry = photometry
         if photometry not in _TYPES.values():
             self._refuse(f"photometry must be A, B or C, not {photometry!r}")
         self.vertical = self._angles(vertical, "vertical", (0, 180) if photometry == "C" else (-90, 90))

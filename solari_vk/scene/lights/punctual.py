@@ -143,6 +143,7 @@ class PointLight(PunctualLight):
                 raise SolariError(f"{cls.__name__}: ies makes profile: give one of them")
             file = given.pop("ies")
             given["profile"] = profile = file if isinstance(file, LightProfile) else _read(file)
+            # A file says both the distribution and the brightness; the latter may be set apart.
             if not {"intensity", "lumens"} & given.keys():
                 given["intensity"] = profile.peak
         if "lumens" in given and cls._solid_angle_of(given, current) == 0:

@@ -246,9 +246,7 @@ class Document:
         folder = Path(os.path.realpath(self.path)).parent
         # Some exporters don't percent-encode names, so the name is tried as it is written, too.
         for name in dict.fromkeys((unquote(uri), uri)):
-            # No scheme such as http: or C:, no absolute path, no home folder.
-            inside = not (re.match(r"[A-Za-z][A-Za-z0-9+.-]*:", name) or name[:1] in ("/", "\\", "~"))
-            if not inside or "\\" in name or "\0" in name or not name:
+            if not _is_relative(name):
                 raise self._outside(entry, uri)
             try:
                 path = Path(os.path.realpath(folder / clean(name)))
@@ -268,6 +266,12 @@ class Document:
             f"has the 'uri' {shown(uri)}, which is not a relative path inside the glTF file's own folder; nothing else "
             "is read: copy the file there and name it by its relative path"
         )
+
+
+def _is_relative(name: str) -> bool:
+    """Whether the name of a file has no scheme such as http: or C:, no root, no home folder, and no backslash."""
+    has_scheme = re.match(r"[A-Za-z][A-Za-z0-9+.-]*:", name) is not None
+    return bool(name) and not has_scheme and name[0] not in ("/", "~") and "\\" not in name and "\0" not in name
 
 
 def _other_version(version: Any) -> str:

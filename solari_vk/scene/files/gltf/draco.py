@@ -71,6 +71,7 @@ class DracoMeshes:
                 mesh = draco.decode(data.tobytes())
             except (draco.FileTypeException, ValueError) as error:
                 raise packed.error(f"has damaged data ({error}); compress the file again") from None
+            # What it really has may be more than what was charged for faces.
             for attribute in mesh.attributes:
                 self._document.charge(np.asarray(attribute["data"]).nbytes, packed)
             self._meshes[number] = mesh

@@ -94,6 +94,7 @@ class Images:
                 source = sources[number] = self._source(entry)
                 if source not in self._made and source not in opened:
                     file = self._file(entry, source[1])
+                    # Pillow and the other libraries read from copies.
                     copied += file.nbytes
                     entry.charge(0, "its file", working=copied)
                     opened[source] = self._open(entry, source, file.tobytes())
@@ -147,6 +148,7 @@ class Images:
 
     def _open(self, entry: Entry, source: Source, data: bytes) -> _Opened:
         file = os.path.basename(str(source[1])) if source[0] == "file" else ""
+        # The name of the file helps to find an image that the JSON has by number.
         who = f"{entry.file}: {entry.place}" + (f" ({file})" if file else "")
         image = image_files.open_image(data, who)
         return image, who, os.path.basename(entry.name) or file or entry.place

@@ -124,6 +124,7 @@ class Lights:
     def entry(self, node: PlacedNode) -> Entry:
         """The light of the file to which a node refers."""
         user = node.entry.extension(EXTENSION)
+        # Read with the first light, so that errors in the list cost lights and not the file.
         if self._entries is None:
             extension = self._document.root.extension(EXTENSION)
             self._entries = extension.entries("lights", "light") if extension else []

@@ -162,12 +162,9 @@ class AnimatedObject:
         together with them, such as the color and the strength of an emission."""
         groups = [group for group in _SHARED if group.keys() & resting.keys()]
         shared = {path: default for group in groups for path, default in group.items()}
-        shared |= {
-            (*path[:-1], key): default
-            for path in resting
-            if TRANSFORM in path
-            for key, default in _OF_TRANSFORMS.items()
-        }
+        for path in resting:
+            if TRANSFORM in path:
+                shared |= {(*path[:-1], key): default for key, default in _OF_TRANSFORMS.items()}
         return {path: self.value(path, default) for path, default in shared.items()} | dict(resting)
 
     def is_at_rest(self, resting: Mapping[Path, NDArray[np.float64]]) -> bool:
@@ -176,9 +173,9 @@ class AnimatedObject:
         expected = self._with(stated)
         # What the fields are made of can't be asked of the reader. So the properties get several values, and the fields
         # that differ for one of them are those that an animation may change.
-        probes = [
-            self._with({path: np.full(len(values), probe) for path, values in stated.items()}) for probe in _PROBES
-        ]
+        probes = []
+        for probe in _PROBES:
+            probes.append(self._with({path: np.full(len(values), probe) for path, values in stated.items()}))
         for (items, fields), *others in zip(expected, *probes, strict=True):
             changed = {name for _, found in others for name in found if not _equal(found[name], fields[name])}
             if any(not _equal(getattr(item, name), fields[name]) for item in items for name in changed):

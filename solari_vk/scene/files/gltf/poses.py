@@ -35,6 +35,7 @@ class Pose:
         self._skin: tuple[list[int], NDArray[np.float64], NDArray[np.float64]] | None = None
         if skin is not None:
             joints, joints_from_mesh = skin
+            # Where joints are now. The rig replaces those that it moves.
             rest = np.array([placed[joint].world for joint in joints])
             rows = [animations.row(joint) for joint in joints]
             self._skin = [-1 if row is None else row for row in rows], rest, joints_from_mesh

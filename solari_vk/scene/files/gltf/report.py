@@ -49,6 +49,7 @@ class Report:
         # A damaged file may have a fault in each of a million parts.
         budget.charge(_BYTES_PER_FAULT, self._file, "the list of what is wrong in it")
         self.first_error = self.first_error or error
+        # All lines are about this file.
         self.add(remark, str(error).removeprefix(f"{self._file}: "))
 
     def add_extensions(self, entry: Entry, handled: Iterable[str] = ()) -> None:

@@ -134,6 +134,7 @@ class Entry:
         """An object inside this one, or None when the field is absent."""
         if key not in self.data:
             return None
+        # An AnimatedEntry has animated entries in it.
         return type(self)(self.file, f"{self.place}, {clean(key)}", self.data[key])
 
     def entries(self, key: str, kind: str) -> list[Entry]:

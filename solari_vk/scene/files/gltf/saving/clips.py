@@ -201,6 +201,7 @@ class RigNodes:
         """Write a clip. Of channels for the same property the last counts."""
         samplers: list[dict[str, Any]] = []
         channels: list[dict[str, Any]] = []
+        # glTF 2.0, 3.11: no two channels of an animation have one target.
         for channel in {(channel.node, channel.path): channel for channel in clip.channels}.values():
             targets = self._targets(channel)
             if targets:

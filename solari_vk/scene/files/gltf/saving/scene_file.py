@@ -86,6 +86,7 @@ class _Writer:
         skies = [light for light in scene.lights if isinstance(light, EnvironmentLight)]
         if skies:
             add_sky(self._content, skies[0], entry)
+        # A scene of the extension has one sky.
         for other in skies[1:]:
             self._content.lose("environments after the first aren't written", other.describe())
         self._content.json["scene"] = self._content.add("scenes", name=scene.name, nodes=self._nodes.finish(), **entry)

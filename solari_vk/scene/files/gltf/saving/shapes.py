@@ -152,14 +152,16 @@ class Shapes:
         fields = {name: getattr(deformation, field) for name, field in TARGETS.items() if bases[name] is not None}
         if mesh.normals is None:
             fields.pop("TANGENT", None)
-        return [
-            {
+        arrays = {name: values for name, values in fields.items() if values is not None}
+        targets = []
+        for number in range(deformation.target_count):
+            # All are "positions", since glTF 2.0, 3.7.2.2 wants the bounds of what targets add to positions.
+            accessors = {
                 name: self._once(mesh, f"{name} of {number}", values[number], use="positions")
-                for name, values in fields.items()
-                if values is not None
+                for name, values in arrays.items()
             }
-            for number in range(deformation.target_count)
-        ]
+            targets.append(accessors)
+        return targets
 
 
 def _split_with_tangents(mesh: Mesh, uv_set: int) -> Mesh:

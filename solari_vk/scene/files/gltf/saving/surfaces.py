@@ -165,6 +165,7 @@ class Surfaces:
         if image not in self._images:
             from PIL import Image
 
+            # Without alpha files are smaller.
             pixels = image.pixels if image.least_alpha < 1 else np.ascontiguousarray(image.pixels[..., :3])
             file = io.BytesIO()
             Image.fromarray(pixels).save(file, "PNG", compress_level=3)  # a third of the time, a twentieth larger
