@@ -101,7 +101,7 @@ class Checked(Observable):
     def update(self, **fields: Any) -> None:
         """Assign several fields at once; nothing is changed if one of them is refused."""
         converted = self._converted(self._by_field(fields, self))
-        before = {name: vars(self).get(name, MISSING) for name in converted}
+        before = {name: vars(self).get(name, MISSING) for name in converted} if self._ready else {}
         for name, value in converted.items():
             object.__setattr__(self, name, value)
         # The constructor assigns field by field, and validates when it has all of them.

@@ -53,7 +53,7 @@ def load_mesh_file(
     path = Path(path)
     if not 1e-12 <= unit <= 1e12:
         raise SolariError(f"{path}: the unit must be from 1e-12 to 1e12 meters, not {unit}")
-    if up is not None and up not in UP_AXES.values() and up != "x":
+    if up not in (None, "x", "y", "z"):
         raise SolariError(f"{path}: up: the axis that points up is 'x', 'y' or 'z', not {quoted(up)}")
     # From the file's axes and unit to the scene's.
     turn = _upright(up or UP_AXES[path.suffix.lower()]) * unit

@@ -76,10 +76,7 @@ class MtlFiles:
         given = {key.lower(): value for key, value in fields.items()}
         known = {*_KNOWN, *_HARMLESS, *_TEXTURES}
         self.ignored |= dict.fromkeys(key for key in fields if key and key[0] != "#" and key.lower() not in known)
-        images = {
-            field: self._image(self._without_options(given[key])) for key, field in _TEXTURES.items() if key in given
-        }
-        textures: dict[str, Any] = {field: image for field, image in images.items() if image is not None}
+        textures = self._read_textures(given)
         color = _numbers(given.get("kd"), 0.8, 1.0)
         emissive = _numbers(given.get("ke"), 0.0, 1e9)
         # Some programs write black beside a texture, which is meant to be seen.
@@ -105,6 +102,15 @@ class MtlFiles:
             alpha_mode="blend" if opacity < 1 else "opaque",
             **textures,
         )
+
+    def _read_textures(self, given: dict[str, str]) -> dict[str, Any]:
+        """The textures of a material by the field of Material; without those that can't be read."""
+        textures: dict[str, Any] = {}
+        for key, field in _TEXTURES.items():
+            image = self._image(self._without_options(given[key])) if key in given else None
+            if image is not None:
+                textures[field] = image
+        return textures
 
     def _without_options(self, value: str) -> str:
         """The name of a texture's file, which stands behind options and may have spaces."""

@@ -40,6 +40,7 @@ def write_extras(item: Any, names: Container[str]) -> dict[str, Any]:
     changed = {}
     for field in dataclasses.fields(item):
         if field.name in names:
+            # A factory makes a default anew for each object, such as an array, so that it is compared by its values.
             factory = field.default_factory
             default = field.default if factory is dataclasses.MISSING else factory()
             value = plain(getattr(item, field.name))
