@@ -15,6 +15,7 @@ class NoOptions:
     """A command without options."""
 
 
+# Where the help lists them: what users need first comes first.
 COMMANDS = (
     Command(
         "render",

@@ -173,8 +173,8 @@ class RenderOptions(SharedPicture):
         "several devices": ("workers", "cluster", "shared_folder"),
     }
 
-    given: frozenset[str] = frozenset()
-    """The fields that the command line names."""
+    explicit: frozenset[str] = frozenset()
+    """The fields that the command line sets; the others have their defaults."""
     output: Path = option(
         f"the picture: %(listing)s; an animation: {', '.join(SUFFIXES)}, or numbered pictures",
         names=("-o", "--output"),

@@ -43,7 +43,7 @@ class LoadedScene:
 
 @dataclass(frozen=True)
 class _Orbit:
-    """A way of the camera around the scene."""
+    """A path of the camera around the scene."""
 
     swing: float | None
     """The angle in degrees through which it swings and back; None once around."""

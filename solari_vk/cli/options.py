@@ -145,8 +145,8 @@ def parse(commands: Sequence[Command], words: Sequence[str] | None) -> tuple[Com
         parser.error(_why_unknown(command, unknown))
     arguments = {name: tuple(value) if isinstance(value, list) else value for name, value in values.items()}
     # A job with this field tells options that the user gave from those that have their defaults.
-    if "given" in command.job_type.__dataclass_fields__:
-        arguments["given"] = frozenset(values)
+    if "explicit" in command.job_type.__dataclass_fields__:
+        arguments["explicit"] = frozenset(values)
     return command, command.job_type(**arguments)
 
 

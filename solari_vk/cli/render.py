@@ -63,7 +63,7 @@ def _check_options_of_modes(job: StillJob | MovieJob) -> None:
     """Raise SolariError for options that the other mode has."""
     for mode in MODES:
         for name in job.GROUPS[mode]:
-            if name in job.given and mode != job.mode:
+            if name in job.explicit and mode != job.mode:
                 raise SolariError(f"{spelled(name)} is an option of --mode {mode}, not of {job.mode}")
 
 
@@ -100,7 +100,7 @@ def _mode(options: RenderOptions, groups: Mapping[str, Sequence[str]]) -> dict[s
         realtime = kind_of_device(options.device, options.rays) != "cpu"
     if realtime:
         return {"mode": "realtime"}
-    denoise = options.denoise or ("denoise" not in options.given and _oidn_works())
+    denoise = options.denoise or ("denoise" not in options.explicit and _oidn_works())
     # Without OIDN the few samples of a reference picture are noisier than realtime frames, which are always denoised.
     if reference or denoise:
         return {"mode": "reference", "denoise": denoise}
@@ -110,7 +110,7 @@ def _mode(options: RenderOptions, groups: Mapping[str, Sequence[str]]) -> dict[s
 def _needed_modes(options: RenderOptions, groups: Mapping[str, Sequence[str]]) -> tuple[bool, bool]:
     """Whether options need the realtime mode, and whether they need the reference; `make_job` refuses both."""
     animated = options.animate is not None
-    gives_realtime, gives_reference = (not options.given.isdisjoint(groups[mode]) for mode in MODES)
+    gives_realtime, gives_reference = (not options.explicit.isdisjoint(groups[mode]) for mode in MODES)
     aovs = set(options.aov)
     realtime = gives_realtime or (animated and not gives_reference) or not aovs.issubset(PathTracer.OUTPUTS)
     # Several devices share the samples of a still picture; realtime frames follow one another on one device.

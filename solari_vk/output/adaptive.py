@@ -12,12 +12,13 @@ from solari_vk.output.error import Floats, error_of_mean, luminance
 
 MIN_SAMPLES = 16  # of any pixel; fewer don't tell a variance
 GROWTH = 1.5  # of a pixel's number of samples in one pass, at most
-LOOKS = 5  # that are kept
+ESTIMATES = 5  # the number of earlier ones that the next is compared with
 AIM = 0.95  # of the target, since errors are estimates
 
 
 class SamplePlan:
-    """How many samples each pixel takes, pass by pass. The owner traces a pass, looks, and begins the next one.
+    """How many samples each pixel takes, pass by pass. The owner traces a pass, has the error estimated, and begins the
+    next one.
 
     The numbers are in proportion to sqrt(variance / cost), which a mean over the picture needs (Neyman, "On the Two
     Different Aspects of the Representative Method", 1934); cost is counted in rays. Blocks of pixels are divided
@@ -41,16 +42,18 @@ class SamplePlan:
         """The samples of each cell's pixels before this pass."""
         self.ends = self.begins.copy()
         """Those after it."""
-        self.taken = 0
+        self.traced = 0
         """The samples of this pass that have been traced; pixels that take fewer in it have all of theirs."""
         self.error = math.inf
         self._squares = np.full((height, width), np.inf)  # variance of the mean's luminance
-        self._looks: list[tuple[NDArray[np.int64], Floats]] = []  # the latest: samples of cells, the mean's luminance
+        self._estimates: list[
+            tuple[NDArray[np.int64], Floats]
+        ] = []  # the latest: samples of cells, luminance of the mean
 
     @property
     def remaining(self) -> int:
         """The samples that pixels take in the rest of this pass, at most."""
-        return max(int((self.ends - self.begins).max()) - self.taken, 0)
+        return max(int((self.ends - self.begins).max()) - self.traced, 0)
 
     @property
     def samples(self) -> int:
@@ -62,11 +65,11 @@ class SamplePlan:
         """The samples (height, width) of each pixel."""
         return self._counts()[self.cells]
 
-    def even_out(self) -> None:
+    def begin_even_pass(self) -> None:
         """Begin a pass after which all pixels have as many samples as the one that has most."""
         self._begin_pass(np.full(len(self._pixels), self.samples))
 
-    def go_on(self, limit: int, target: float) -> None:
+    def begin_pass_towards(self, target: float, limit: int) -> None:
         """Begin a pass towards an error. Nothing remains if it is reached, or if all pixels have `limit` samples."""
         counts = self._counts()
         if self.error <= target:
@@ -82,7 +85,7 @@ class SamplePlan:
                 wanted = np.ceil(GROWTH * counts).astype(np.int64)
         self._begin_pass(np.minimum(wanted, limit))
 
-    def look(self, mean: NDArray[Any], rays: NDArray[Any]) -> None:
+    def estimate_error(self, mean: NDArray[Any], rays: NDArray[Any]) -> None:
         """Estimate the picture's error after a pass.
 
         mean: (height, width, 3). rays (height, width): of each pixel's samples so far. The variance of a mean is
@@ -91,28 +94,28 @@ class SamplePlan:
         """
         light = luminance(mean)
         counts = self._counts()
-        # Of each cell's earlier looks the one with about half of today's samples.
+        # Of each cell's earlier estimates the one with about half of today's samples.
         half = np.zeros_like(counts)
         earlier = np.zeros_like(light)
-        for count, look in self._looks:
+        for count, estimate in self._estimates:
             nearer = (abs(2 * count - counts) < abs(2 * half - counts)) & (count < counts)
             half = np.where(nearer, count, half)
-            earlier = np.where(nearer[self.cells], look, earlier)
+            earlier = np.where(nearer[self.cells], estimate, earlier)
         # earlier - light is the difference of the means of both halves, times the rest's share of the samples. Of
         # independent samples the expectation of its square is the variance of the whole mean, times rest / half.
         ratio = (half / np.maximum(counts - half, 1))[self.cells]
         self._squares = np.where(ratio > 0, (earlier - light) ** 2 * ratio, self._squares)
         self.error = error_of_mean(mean, self._squares)
-        self._looks = [*self._looks[1 - LOOKS :], (counts, light)]
+        self._estimates = [*self._estimates[1 - ESTIMATES :], (counts, light)]
         self._light = light
         self._rays = self._means(rays) / np.maximum(counts, 1)
 
     def _counts(self) -> NDArray[np.int64]:
-        return np.minimum(self.begins + self.taken, self.ends)
+        return np.minimum(self.begins + self.traced, self.ends)
 
     def _begin_pass(self, wanted: NDArray[np.int64]) -> None:
         self.begins = self._counts()
-        self.taken = 0
+        self.traced = 0
         self.ends = np.maximum(wanted, self.begins)
 
     def _needed(self, target: float) -> Floats:

@@ -27,13 +27,14 @@ def save_kitti_flow(path: str | os.PathLike[str], flow: ArrayLike, valid: ArrayL
     point (`state == 0`). Steps are of 1/64 pixel. Raises SolariError for other shapes, for flow of 512 pixels and more
     where it counts, and for a file that can't be written.
     """
-    given = np.asarray(flow, np.float64)
-    if given.ndim != 3 or given.shape[2] != 2:
-        raise SolariError(f"{path}: flow has the shape (height, width, 2), not {given.shape}")
-    counts = _valid(path, given.max(axis=2) - given.min(axis=2), valid)
+    values = np.asarray(flow, np.float64)
+    if values.ndim != 3 or values.shape[2] != 2:
+        raise SolariError(f"{path}: flow has the shape (height, width, 2), not {values.shape}")
+    # The difference of both components is finite where both are.
+    mask = _valid_mask(path, values[..., 0] - values[..., 1], valid)
     # The development kit reads (code - 2^15) / 64, and the third channel as whether the pixel counts.
-    codes = np.rint(_within(path, given, counts[..., None], -LARGEST_FLOW, LARGEST_FLOW, 64) * 64) + (1 << 15)
-    pixels = np.where(counts[..., None], np.concatenate([codes, np.ones_like(codes[..., :1])], axis=2), 0)
+    codes = np.rint(_within(path, values, mask[..., None], -LARGEST_FLOW, LARGEST_FLOW, 64) * 64) + (1 << 15)
+    pixels = np.where(mask[..., None], np.concatenate([codes, np.ones_like(codes[..., :1])], axis=2), 0)
     write_whole(Path(path), png_16(pixels.astype(np.uint16)))
 
 
@@ -43,40 +44,42 @@ def save_kitti_disparity(path: str | os.PathLike[str], disparity: ArrayLike, val
     valid: as of `save_kitti_flow`. Raises SolariError for other shapes, for disparities below 0 or of 256 and more
     where they count, and for a file that can't be written.
     """
-    given = np.asarray(disparity, np.float64)
-    if given.ndim != 2:
-        raise SolariError(f"{path}: disparity has the shape (height, width), not {given.shape}")
-    counts = _valid(path, given, valid)
-    codes = np.rint(_within(path, given, counts, 0.0, LARGEST_DISPARITY, 256) * 256)
+    values = np.asarray(disparity, np.float64)
+    if values.ndim != 2:
+        raise SolariError(f"{path}: disparity has the shape (height, width), not {values.shape}")
+    mask = _valid_mask(path, values, valid)
+    codes = np.rint(_within(path, values, mask, 0.0, LARGEST_DISPARITY, 256) * 256)
     # 0 stands for pixels that don't count, so that the least disparity is one step.
-    write_whole(Path(path), png_16(np.where(counts, np.maximum(codes, 1), 0).astype(np.uint16)))
+    write_whole(Path(path), png_16(np.where(mask, np.maximum(codes, 1), 0).astype(np.uint16)))
 
 
-def _valid(path: str | os.PathLike[str], values: NDArray[np.float64], valid: ArrayLike | None) -> NDArray[np.bool_]:
+def _valid_mask(
+    path: str | os.PathLike[str], values: NDArray[np.float64], valid: ArrayLike | None
+) -> NDArray[np.bool_]:
     if valid is None:
         return np.isfinite(values)
-    given = np.asarray(valid)
-    if given.dtype != np.bool_ or given.shape != values.shape:
-        raise SolariError(f"{path}: valid is an array of bool {values.shape}, not of {given.dtype} {given.shape}")
-    return given & np.isfinite(values)
+    mask = np.asarray(valid)
+    if mask.dtype != np.bool_ or mask.shape != values.shape:
+        raise SolariError(f"{path}: valid is an array of bool {values.shape}, not of {mask.dtype} {mask.shape}")
+    return mask & np.isfinite(values)
 
 
 def _within(
     path: str | os.PathLike[str],
     values: NDArray[np.float64],
-    counts: NDArray[np.bool_],
+    mask: NDArray[np.bool_],
     low: float,
     high: float,
     steps: int,
 ) -> NDArray[np.float64]:
-    """The values where they count, and 0. steps: in a pixel. Raises SolariError for what the format doesn't have."""
-    kept = np.where(counts, values, 0.0)
-    if not (kept.min(initial=0) >= low and kept.max(initial=0) <= high - 1 / steps):
+    """The values where the mask is true, else 0. steps: in a pixel. Raises SolariError for what the format lacks."""
+    inside = np.where(mask, values, 0.0)
+    if not (inside.min(initial=0) >= low and inside.max(initial=0) <= high - 1 / steps):
         raise SolariError(
-            f"{path}: KITTI's files hold {low:g} to {high - 1 / steps:g} pixels, not {kept.min():.8g} to "
-            f"{kept.max():.8g}: leave such pixels out by valid="
+            f"{path}: KITTI's files hold {low:g} to {high - 1 / steps:g} pixels, not {inside.min():.8g} to "
+            f"{inside.max():.8g}: leave such pixels out by valid="
         )
-    return kept
+    return inside
 
 
 def png_16(pixels: NDArray[np.uint16]) -> bytes:

@@ -63,7 +63,7 @@ class SampleCounts:
         if target and not denoises:
             self._plan = self._plan or SamplePlan(self._size, reference.SAMPLE_BLOCK, self.samples)
         elif self._plan is not None:
-            self._plan.even_out()
+            self._plan.begin_even_pass()
             self._write_ranges(self._plan)
 
     def wanted(self, limit: int) -> int:
@@ -74,8 +74,10 @@ class SampleCounts:
         if self._plan is not None:
             if not self._plan.remaining:
                 if self.samples:
-                    self._plan.look(self._read("raw_radiance"), self._frame["ray_count"].reshape(self._size[::-1]))
-                self._plan.go_on(limit, self._target or 0.0)
+                    self._plan.estimate_error(
+                        self._read("raw_radiance"), self._frame["ray_count"].reshape(self._size[::-1])
+                    )
+                self._plan.begin_pass_towards(self._target or 0.0, limit)
                 self._write_ranges(self._plan)
             return self._plan.remaining
         if self._target is None:
@@ -102,14 +104,14 @@ class SampleCounts:
     @property
     def first(self) -> int:
         """The number of the next sample, which the shader counts from."""
-        return self.samples if self._plan is None else self._plan.taken
+        return self.samples if self._plan is None else self._plan.traced
 
     def add(self, count: int) -> None:
         """Note that pixels have taken samples."""
         if self._plan is None:
             self.samples += count
         else:
-            self._plan.taken += count
+            self._plan.traced += count
             self.samples = self._plan.samples
 
     @property

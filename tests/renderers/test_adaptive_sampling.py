@@ -31,13 +31,13 @@ def rendered(seed, target, rays=10):
     """A picture's mean, number of samples of each pixel, and estimated error."""
     noise, plan = Noise(seed), SamplePlan(SIZE, 8)
     total, counts = np.zeros(SIZE[::-1]), plan.counts
-    plan.go_on(1_000_000, target)
+    plan.begin_pass_towards(target, 1_000_000)
     while plan.remaining:
-        plan.taken += plan.remaining
+        plan.traced += plan.remaining
         total += noise.sums(plan.counts - counts)
         counts = plan.counts
-        plan.look(np.repeat((total / counts)[..., None], 3, axis=2), rays * counts)
-        plan.go_on(1_000_000, target)
+        plan.estimate_error(np.repeat((total / counts)[..., None], 3, axis=2), rays * counts)
+        plan.begin_pass_towards(target, 1_000_000)
     return total / counts, counts, plan.error
 
 
@@ -67,11 +67,11 @@ def test_choosing_numbers_of_samples_is_not_seen_in_the_mean():
 def test_pixels_catch_up():
     plan = SamplePlan(SIZE, 8, samples=20)
     plan.ends = np.where(np.arange(len(plan.ends)) % 3 == 0, 50, 20)
-    plan.taken = 10
-    plan.even_out()
+    plan.traced = 10
+    plan.begin_even_pass()
     assert (plan.begins == np.where(np.arange(len(plan.ends)) % 3 == 0, 30, 20)).all()
     assert plan.remaining == 10
-    plan.taken += 10
+    plan.traced += 10
     assert (plan.counts == 30).all()
 
 
