@@ -80,6 +80,7 @@ class SceneOptions:
 
     def check(self) -> None:
         """Raise SolariError for a file that isn't there."""
+        # Before anything large is imported, so that a slip of the finger is answered at once.
         if not self.source.startswith("builtin:") and not os.path.exists(self.source):
             raise SolariError(f"{self.source}: there is no such file: check the path")
 
@@ -144,6 +145,7 @@ class ClusterOptions:
     )
 
     def __post_init__(self) -> None:
+        # When a job is made, so that no part of the program meets one that means two things.
         if self.workers is not None and self.cluster is not None:
             raise SolariError(
                 "--workers starts processes here, --cluster uses those of a scheduler: give one of the two"

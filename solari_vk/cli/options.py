@@ -176,6 +176,7 @@ def _add_commands(place: Any, commands: Sequence[Command], wanted: str | None) -
             aliases=command.aliases,
             argument_default=argparse.SUPPRESS,
         )
+        # The innermost command wins: argparse sets the defaults of a command before those of its part.
         parser.set_defaults(command=command)
         _add_options(parser, job)
         if command.parts:
@@ -210,6 +211,7 @@ def size(text: str) -> tuple[int, int]:
     except ValueError:
         raise argparse.ArgumentTypeError(f"{quoted(text)} is not a size: give one such as 640x360") from None
     if not (1 <= width <= 16384 and 1 <= height <= 16384):
+        # Most Vulkan devices have no images with more pixels on a side.
         raise argparse.ArgumentTypeError("a size must be from 1x1 to 16384x16384 pixels")
     return width, height
 

@@ -76,6 +76,7 @@ def run(job: StillJob | MovieJob) -> int:
     loaded = load_scene(job, clip=job.clip, time=job.time)
     if (job.is_spread or job.shutter is not None) and isinstance(job, MovieJob):
         return int(resolve(ANIMATION)(job, loaded, settings))
+    # A movie is encoded from its pictures once all are there.
     with frames_folder() if job.is_movie else nullcontext() as folder:
         cameras = loaded.cameras
         targets = targets_of(job, len(cameras), folder)
@@ -110,11 +111,13 @@ def check_parts(names: Sequence[str], size: tuple[int, int], settings: Settings)
     """Raise SolariError for outputs that frames with these settings don't have, or have at another size."""
     check_aovs(names, "realtime", [name for name in Renderer.OUTPUTS if name not in ("radiance", "display")])
     for name in names:
+        # Some outputs are buffers of the passes of one lighting.
         needed = lighting.lighting_with(name)
         if needed not in ("", settings.lighting):
             raise SolariError(f"--aov {name}: it needs --settings lighting={needed}")
         if name == "error" and not settings.denoise:
             raise SolariError("--aov error: it needs --settings denoise=on")
+        # First hits are found for the picture's own pixels; all else has the size of the frame.
         if name not in FIRST_HITS and render_size(size, settings) != size:
             raise SolariError(
                 f"--aov {name}: with --settings upscale={settings.upscale:g} it is smaller than the "

@@ -131,6 +131,7 @@ def _render_large(
 ) -> _Result:
     """In bands of rows, because the device can't hold the picture."""
     _check_can_be_in_bands(job)
+    # Rounded up: the last band may have fewer rows.
     count = -(-job.size[1] // large_pictures.band_rows(device, job.size))
     print(f"{job.size[0]}x{job.size[1]} is more than the device holds at once: in {count} bands", file=sys.stderr)
     assert total is not None  # it is only with --target-error

@@ -28,6 +28,7 @@ _NUMBER_PATTERN = re.compile(r"[._-]?%\d*d|[._-]?#{2,}")  # in names of files: f
 def run(options: RenderOptions) -> int:
     """Render what the options ask for; returns the exit code."""
     job = make_job(options)
+    # An animation of several devices that isn't finished ends with another code, and has nothing to show.
     code = reference.run(job) if job.mode == "reference" else realtime.run(job)
     if job.open and code == 0:
         showing.open_file(job.output)
@@ -53,6 +54,7 @@ def make_job(options: RenderOptions) -> StillJob | MovieJob:
     check_time_limit(options.time_limit)
     if options.sensor is not None:
         sv.Sensor.load(options.sensor)
+    # Last, because most of them depend on the mode.
     for is_wrong, why in _contradictions(job):
         if is_wrong:
             raise SolariError(why)
@@ -142,6 +144,7 @@ def _contradictions(job: StillJob | MovieJob) -> Iterator[tuple[object, str]]:
     )
     if job.transparent:
         yield from _of_transparent(job)
+    # The path tracer has no debug views and frames, so that what follows is about the realtime renderer.
     if job.mode == "reference":
         yield from _of_reference(job)
         return

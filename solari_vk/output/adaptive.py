@@ -46,9 +46,8 @@ class SamplePlan:
         """The samples of this pass that have been traced; pixels that take fewer in it have all of theirs."""
         self.error = math.inf
         self._squares = np.full((height, width), np.inf)  # variance of the mean's luminance
-        self._estimates: list[
-            tuple[NDArray[np.int64], Floats]
-        ] = []  # the latest: samples of cells, luminance of the mean
+        # Of the latest passes: the samples of the cells, and the luminance of the mean.
+        self._estimates: list[tuple[NDArray[np.int64], Floats]] = []
 
     @property
     def remaining(self) -> int:

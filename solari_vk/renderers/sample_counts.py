@@ -74,9 +74,8 @@ class SampleCounts:
         if self._plan is not None:
             if not self._plan.remaining:
                 if self.samples:
-                    self._plan.estimate_error(
-                        self._read("raw_radiance"), self._frame["ray_count"].reshape(self._size[::-1])
-                    )
+                    rays = self._frame["ray_count"].reshape(self._size[::-1])
+                    self._plan.estimate_error(self._read("raw_radiance"), rays)
                 self._plan.begin_pass_towards(self._target or 0.0, limit)
                 self._write_ranges(self._plan)
             return self._plan.remaining
