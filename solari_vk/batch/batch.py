@@ -304,12 +304,12 @@ class Batch(BatchResults):
     ) -> None:
         """Give the cameras to the frame of labels and to the path tracer."""
         table = self._table
-        # In most frames only poses change, which `show` uploads.
+        # In most frames only poses change, which `upload_frame` uploads.
         if table.must_write((cameras.records, seeds), self._worlds.assignment_key):
             table.write_cameras(cameras)
             table.records["frame"]["seed"] = seeds
             self._worlds.assign_views(table)
-        table.show(cameras, cut)
+        table.upload_frame(cameras, cut)
 
     def _render_labels(self, frame: SceneFrame) -> None:
         frame.apply_edits()

@@ -197,7 +197,7 @@ class BatchRenderer(Renderer):
             newest = np.repeat(self._changes.newest, len(change) // len(self._changes.newest))
             self._change = np.where(cut, 0.0, np.maximum(change, newest))
         blended = self._worlds.blended_changes != self._blended_before
-        # In most frames of a batch only poses and jitter change, which `show` uploads.
+        # In most frames of a batch only poses and jitter change, which `upload_frame` uploads.
         sources = cameras.records, cameras.jitter, seeds, self._change, self._camera_jitter, self._offsets
         size = self._built_render_size
         if views.must_write(sources, (size, *self._worlds.assignment_key, blended.tobytes())):
@@ -208,7 +208,7 @@ class BatchRenderer(Renderer):
         views.offsets[0] = self._shifts[0] + offsets + self._shifts[1]
         views.offsets[1] = offsets
         self._camera_jitter = cameras.jitter
-        views.show(cameras, cut, self.frame_count & 0xFFFFFFFF)
+        views.upload_frame(cameras, cut, self.frame_count & 0xFFFFFFFF)
 
     def _write_records(self, cameras: ViewCameras, seeds: NDArray[np.uint32], blended: NDArray[np.bool_]) -> None:
         """Write what changes seldom. blended: whether blended instances of each world, or of all, have changed."""

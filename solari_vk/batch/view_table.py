@@ -116,7 +116,7 @@ class ViewTable:
         for name, values in (samples or {}).items():
             now[name] = values
 
-    def show(self, cameras: ViewCameras, cut: NDArray[np.bool_], index: int = 0) -> None:
+    def upload_frame(self, cameras: ViewCameras, cut: NDArray[np.bool_], index: int = 0) -> None:
         """Have the next submission make the records of a frame with this index. Those so far become the previous
         cameras, but for views that are cut, (N,) or one for all."""
         poses = cameras.poses

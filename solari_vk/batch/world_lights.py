@@ -56,32 +56,32 @@ class WorldLights:
         self._count = count
         self._scene_lights = scene_lights
         self._layout = {table.name: table.records.dtype for table in scene_lights.tables}
-        self._shown: Sequence[Any] = ()  # the key of each world's list
+        self._keys: Sequence[Any] = ()  # the key of each world's list
 
-    def share(self) -> None:
+    def share_scene_lights(self) -> None:
         """Have all worlds share the scene's lights."""
         self.tables = {}
         self.light_index = None
         self.states = [LightState.of(self._scene_lights)]
-        self._shown = ()
+        self._keys = ()
 
-    def show(self, lists: Mapping[Any, SharedList], shown: Sequence[Any], instance_rows: int) -> bool:
+    def set_lists(self, lists: Mapping[Any, SharedList], keys: Sequence[Any], instance_rows: int) -> bool:
         """Have worlds (W,) show lists by their keys, which change with a list. instance_rows: of a world in
         `instances`. Returns whether tables have changed."""
         if self._make_tables(lists.values()) or self.light_index is None or self.light_index.shape[1] != instance_rows:
-            self._shown = ()
-        if not self._shown:
-            self._shown = [None] * self._count
+            self._keys = ()
+        if not self._keys:
+            self._keys = [None] * self._count
             self.states = [LightState.of(self._scene_lights)] * self._count
         # Worlds that changed to the same list are written at once.
         changed: dict[Any, list[int]] = {}
-        for world, (key, old) in enumerate(zip(shown, self._shown, strict=True)):
+        for world, (key, old) in enumerate(zip(keys, self._keys, strict=True)):
             if key != old:
                 changed.setdefault(key, []).append(world)
                 self.states[world] = lists[key].state
         if changed:
             self._write(changed, lists, instance_rows)
-        self._shown = shown
+        self._keys = keys
         return bool(changed)
 
     def _make_tables(self, lists: Iterable[SharedList]) -> bool:
@@ -179,14 +179,14 @@ def _row_counts(lights: LightList) -> dict[str, int]:
 def lists_of_scenes(
     worlds: Sequence[SceneRecords], known: Mapping[Any, SharedList]
 ) -> tuple[dict[Any, SharedList], list[Any]]:
-    """What `WorldLights.show` takes where each world has the lights of its own scene. known: the lists so far."""
-    shown = [(id(records), sum(table.revision for table in records.lights.tables)) for records in worlds]
+    """What `WorldLights.set_lists` takes where each world has the lights of its own scene. known: the lists so far."""
+    keys = [(id(records), sum(table.revision for table in records.lights.tables)) for records in worlds]
     lists = {}
-    for key, records in dict(zip(shown, worlds, strict=True)).items():
+    for key, records in dict(zip(keys, worlds, strict=True)).items():
         lists[key] = known.get(key) or SharedList(
             records.lights, _rows_of(records, records.lights.emissive), LightState.of(records.lights)
         )
-    return lists, shown
+    return lists, keys
 
 
 def _rows_of(records: SceneRecords, instances: Iterable[Instance]) -> NDArray[np.int64]:
@@ -235,19 +235,19 @@ class OverriddenLights:
         transforms = overrides.transforms.on_host(emitting)
         scene_lights = list(self._binder.scene.lights)
         lists: dict[Any, SharedList] = {}
-        shown = []
+        keys = []
         for world in range(self._count):
             lights = _lights_in(world, scene_lights, lights_of)
             emitters = _emitters_in(world, emitting, materials, transforms)
             key = self._key(lights, emitters, overrides, poses)
             if key not in lists:
                 lists[key] = self.lists.get(key) or self._make(lights, emitters)
-            shown.append(key)
+            keys.append(key)
         self._release([shared for key, shared in self.lists.items() if key not in lists])
         self.lists = lists
         self.emitting = set(emitting)
         self._keep_buffers_of(overrides)
-        return shown
+        return keys
 
     def _emitting(self, materials: Mapping[Instance, Sequence[Material]]) -> list[Instance]:
         """The instances that emit light in some world, or in the scene. materials: of worlds."""

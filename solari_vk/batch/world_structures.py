@@ -28,7 +28,7 @@ class WorldStructures:
         self._builds: TlasBuilds | None = None
         self._built: tuple[int, Sequence[int]] = (0, ())  # N and the worlds' counts that `_builds` has
 
-    def show(self, addresses: list[int]) -> None:
+    def set_addresses(self, addresses: list[int]) -> None:
         """Have shaders traverse the structures at these addresses, two for each world."""
         if addresses != self._shown:
             self._shown = addresses
@@ -48,7 +48,7 @@ class WorldStructures:
         """Have the next submission build all structures. No world has a structure of the previous frame."""
         assert self._builds is not None
         self._builds.submit()
-        self.show([structure.address for structure in self._structures for _ in ("now", "previous")])
+        self.set_addresses([structure.address for structure in self._structures for _ in ("now", "previous")])
 
     def _make_builds(self, records: Buffer, stride: int, counts: Sequence[int]) -> None:
         if self._builds is not None:

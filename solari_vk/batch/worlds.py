@@ -146,7 +146,7 @@ class Worlds:
         if not self._has_tables:
             tlas = self._binder.tlas
             assert tlas is not None
-            self._structures.show([tlas.current.address, (tlas.previous or tlas.current).address])
+            self._structures.set_addresses([tlas.current.address, (tlas.previous or tlas.current).address])
             return self.version
         is_new = not self._is_current or self._scenes_differ()
         if self.overrides is None:
@@ -168,8 +168,8 @@ class Worlds:
         """Show a scene in each world."""
         was_current = self._is_current
         self._is_current = False  # until all is written
-        self._scene_lights, shown = lists_of_scenes(self._binder.worlds, self._scene_lights)
-        if self._lights.show(self._scene_lights, shown, self.rows) or not was_current:
+        self._scene_lights, keys = lists_of_scenes(self._binder.worlds, self._scene_lights)
+        if self._lights.set_lists(self._scene_lights, keys, self.rows) or not was_current:
             self._upload_lights()
         self._write({})
         self._is_current = True
@@ -216,10 +216,10 @@ class Worlds:
     # ---- lights -------------------------------------------------------------------------------------
 
     def _follow_lights(self, overrides: WorldOverrides, must_upload: bool) -> None:
-        shown = self._overridden_lights.update(overrides)
-        if shown is None:
-            self._lights.share()
-        elif self._lights.show(self._overridden_lights.lists, shown, self.rows) or must_upload:
+        keys = self._overridden_lights.update(overrides)
+        if keys is None:
+            self._lights.share_scene_lights()
+        elif self._lights.set_lists(self._overridden_lights.lists, keys, self.rows) or must_upload:
             self._upload_lights()
 
     def _upload_lights(self) -> None:

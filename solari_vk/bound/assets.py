@@ -65,9 +65,9 @@ class Assets:
         """The instances that use a mesh, a material, a texture or an image."""
         return self.geometry.rows.users(asset) if isinstance(asset, Mesh) else self.materials.users_of(asset)
 
-    def show(self, user: Any) -> None:
+    def set_previous_positions(self, user: Any) -> None:
         """Have the previous positions be those that a user has seen last, where no scene changed."""
-        if self.geometry.posed.show(user):
+        if self.geometry.posed.set_previous_positions(user):
             upload(self._device, [self.geometry.table])
             self.geometry.tensors.write_bounds()
 

@@ -220,7 +220,7 @@ class SceneBinder:
         if not self._is_current or any(records.changed for records in self._scenes):
             self._apply_changes(user)
         else:
-            self.assets.show(user)
+            self.assets.set_previous_positions(user)
             if self.tlas is not None and key in self._up_to_date:
                 self.tlas.rebuild()
         self._up_to_date.add(key)
@@ -248,7 +248,7 @@ class SceneBinder:
             records.apply_changes()
         # Materials name rows of textures, and instances those of meshes and materials, which must be up to date before.
         with_other_structures = assets.geometry.update(self.revision)
-        assets.geometry.posed.show(user)
+        assets.geometry.posed.set_previous_positions(user)
         self.version += assets.textures.update()
         assets.materials.update()
         for records in self._scenes:

@@ -153,7 +153,7 @@ class ScenePoses:
             shapes.pop(edited, None)
         edited.destroy()
 
-    def show(self, user: Any) -> bool:
+    def set_previous_positions(self, user: Any) -> bool:
         """Have the previous positions be those that a user of the scene has seen last; returns whether records changed.
 
         All that a new user has seen is the current pose. Without a user nothing is done.
