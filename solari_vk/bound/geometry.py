@@ -183,11 +183,7 @@ class Geometry:
         try:
             with self._device.uploads() as uploads:
                 for mesh in self._to_upload:
-                    self._features.add_of(mesh)
-                    before = self._uploaded.get(mesh, {}).get("positions")
                     geometries[mesh] = self._upload(mesh, uploads, revision)
-                    if self._uploaded[mesh]["positions"] is not before:
-                        self._moved.add(mesh)
         # Nothing that was staged is on the device.
         except BaseException:
             for mesh in geometries:
@@ -204,8 +200,11 @@ class Geometry:
 
     def _upload(self, mesh: Mesh, uploads: Uploads, revision: int) -> TriangleGeometry:
         """Have a mesh on the device: in memory of its own, or in that of an equal one."""
+        self._features.add_of(mesh)
         now = {name: mesh._stored(name) for name in ARRAYS}
         before = self._uploaded.get(mesh)
+        if before is None or before["positions"] is not now["positions"]:
+            self._moved.add(mesh)
         if before is None or not self.tensors.gave_all_changes(before, now):
             self._upload_from_host(mesh, uploads, revision)
         else:

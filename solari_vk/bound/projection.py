@@ -17,9 +17,22 @@ from solari_vk.scene.quasirandom import PLASTIC_STEPS, additive, radical_inverse
 Numbers = tuple[float, ...]
 # Of struct Camera.
 FIELDS = (
-    "world_from_view", "view_from_world", "tan_half_fov", "near", "orthographic_range", "lens_radius", "focus_distance",
-    "aperture_blades", "aperture_rotation", "size", "picture_size", "jitter", "principal_shift", "lens_offset", "lens",
-)  # fmt: skip
+    "world_from_view",
+    "view_from_world",
+    "tan_half_fov",
+    "near",
+    "orthographic_range",
+    "lens_radius",
+    "focus_distance",
+    "aperture_blades",
+    "aperture_rotation",
+    "size",
+    "picture_size",
+    "jitter",
+    "principal_shift",
+    "lens_offset",
+    "lens",
+)
 # How far raster sees in parallel projections, in heights of the picture: further away depths would be too coarse.
 ORTHOGRAPHIC_RANGE = 4096.0
 
@@ -97,32 +110,13 @@ class Projection(NamedTuple):
         )
         if known is not None and all(map(is_, source, known.source)):
             return known
-        (a, b, c, x), (d, e, f, y), (g, h, i, z), _ = camera.transform.tolist()
-        # Axes of length 1, or depths would be in the camera's own units.
-        right = _unit(a, d, g)
-        up = _unit(b, e, h)
-        back = _unit(c, f, i)
-        # A row of the inverse is the cross product of the other two axes, over the volume of all three.
-        row = _cross(up, back)
-        volume = right[0] * row[0] + right[1] * row[1] + right[2] * row[2]
-        j, k, m = (number / volume for number in row)
-        n, o, p = (number / volume for number in _cross(back, right))
-        q, r, s = (number / volume for number in _cross(right, up))
         height = camera.orthographic_height
         lens = lens_of(camera, size)
         jitter_x, jitter_y = camera.jitter.tolist()
         center_x, center_y = camera.principal_point.tolist()
         shift = (0.5 - center_x) * size[0], (0.5 - center_y) * size[1]
-        inverse = (j, n, q, k, o, r, m, p, s)  # matrices of GLSL lie in memory column by column
         numbers = (
-            *right,
-            *up,
-            *back,
-            *(x, y, z),
-            *inverse,
-            -j * x - k * y - m * z,
-            -n * x - o * y - p * z,
-            -q * x - r * y - s * z,
+            *_matrices(camera),
             *lens.half,
             camera.near,
             ORTHOGRAPHIC_RANGE * height,
@@ -133,6 +127,24 @@ class Projection(NamedTuple):
         )
         found = lens.kind, lens.limit, lens.reach, *lens.distortion
         return cls(source, numbers, (jitter_x, jitter_y), shift, found, camera.exposure)
+
+
+def _matrices(camera: Camera) -> Numbers:
+    """world_from_view, then view_from_world, (24,) column by column, as matrices of GLSL lie in memory."""
+    (a, b, c, x), (d, e, f, y), (g, h, i, z), _ = camera.transform.tolist()
+    # Axes of length 1, or depths would be in the camera's own units.
+    right = _unit(a, d, g)
+    up = _unit(b, e, h)
+    back = _unit(c, f, i)
+    # A row of the inverse is the cross product of the other two axes, over the volume of all three.
+    row = _cross(up, back)
+    volume = right[0] * row[0] + right[1] * row[1] + right[2] * row[2]
+    j, k, m = (number / volume for number in row)
+    n, o, p = (number / volume for number in _cross(back, right))
+    q, r, s = (number / volume for number in _cross(right, up))
+    # The inverse moves the camera's position to 0.
+    moved = (-j * x - k * y - m * z, -n * x - o * y - p * z, -q * x - r * y - s * z)
+    return (*right, *up, *back, *(x, y, z), *(j, n, q), *(k, o, r), *(m, p, s), *moved)
 
 
 def _unit(x: float, y: float, z: float) -> tuple[float, float, float]:
