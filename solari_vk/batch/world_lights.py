@@ -251,12 +251,12 @@ class OverriddenLights:
 
     def _emitting(self, materials: Mapping[Instance, Sequence[Material]]) -> list[Instance]:
         """The instances that emit light in some world, or in the scene. materials: of worlds."""
-        return [
-            instance
-            for instance in self._binder.scene.instances
-            if self._binder.lights.index(instance) is not None
-            or any(material.emits for material in materials.get(instance, ()))
-        ]
+        found = []
+        for instance in self._binder.scene.instances:
+            in_worlds = any(material.emits for material in materials.get(instance, ()))
+            if in_worlds or self._binder.lights.index(instance) is not None:
+                found.append(instance)
+        return found
 
     def _check_portals(self) -> None:
         scene = self._binder.scene

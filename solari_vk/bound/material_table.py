@@ -99,12 +99,11 @@ class MaterialTable:
         """The instances that use a material, a texture or an image."""
         if isinstance(asset, Material):
             return self.rows.users(asset)
-        return [
-            instance
-            for material, textures in self._textures_of.items()
-            if any(asset in (texture, texture.image) for texture in textures.values())
-            for instance in self.rows.users(material)
-        ]
+        found: list[Instance] = []
+        for material, textures in self._textures_of.items():
+            if any(asset in (texture, texture.image) for texture in textures.values()):
+                found += self.rows.users(material)
+        return found
 
     def users_of_image(self, changed: Texture | TextureImage) -> list[Instance]:
         """The instances whose alpha depends on a texture or an image."""

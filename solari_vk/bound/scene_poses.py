@@ -218,7 +218,8 @@ class ScenePoses:
 
     def _make(self, shape: PosedMesh, base: int, attributes: NDArray[Any] | None) -> None:
         """Make vertices and BLASes of its own. attributes: those of the rest pose."""
-        device, mesh = self._device, shape.mesh
+        device = self._device
+        mesh = shape.mesh
         if mesh not in self._sources:
             self._sources[mesh] = self._upload_source(mesh.deformation)
         # Positions twice, then the attributes, which poses overwrite in place: nobody reads previous normals.

@@ -90,7 +90,8 @@ class SceneRecords:
 
     def apply_changes(self) -> None:
         """Apply all changes since the last time. Raises SolariError for a scene that is too large."""
-        self._applied, self._changed = self._changed, {}
+        self._applied = self._changed
+        self._changed = {}
         for item in self._applied:
             self._apply_change(item)
         # Alpha depends on textures and meshes too, so that all of them must be applied before.

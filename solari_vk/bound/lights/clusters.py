@@ -69,7 +69,9 @@ class Clusters:
     def _posed(self, joint_matrices: Floats | None, morph_weights: Floats | None) -> Floats:
         """As `Deformation.bounds`: a skinned vertex lies between where its joints alone would move it."""
         assert self._mesh.deformation is not None
-        parts, boxes = self._parts, self._parts.boxes
+        parts = self._parts
+        boxes = parts.boxes
+        # What a target adds lies between a min and a max, which a negative weight swaps.
         if morph_weights is not None:
             added = morph_weights[:, None, None, None] * self._deltas
             boxes = boxes + np.sort(added, axis=2).sum(axis=0)[parts.clusters]
@@ -79,12 +81,14 @@ class Clusters:
             centers = np.einsum("nij,nj->ni", matrices[:, :, :3], boxes.mean(axis=1)) + matrices[:, :, 3]
             half_sizes = np.einsum("nij,nj->ni", np.abs(matrices[:, :, :3]), (boxes[:, 1] - boxes[:, 0]) / 2)
             boxes = np.stack([centers - half_sizes, centers + half_sizes], axis=1)
-        low, high = np.minimum.reduceat(boxes[:, 0], parts.starts), np.maximum.reduceat(boxes[:, 1], parts.starts)
+        low = np.minimum.reduceat(boxes[:, 0], parts.starts)
+        high = np.maximum.reduceat(boxes[:, 1], parts.starts)
         return np.stack([low, high], axis=1)
 
     @cached_property
     def _parts(self) -> _Parts:
-        count, deformation = len(self.starts), self._mesh.deformation
+        count = len(self.starts)
+        deformation = self._mesh.deformation
         if deformation is None or deformation.joints is None or deformation.joint_weights is None:
             every = np.arange(count)
             return _Parts(self._rest, every, np.zeros(count, np.int64), every)

@@ -81,7 +81,8 @@ class LightLeaves:
         """
         # The leaves of lights at infinity are the last ones, and not in the tree.
         count = int(self.firsts[len(ids)]) if len(ids) < len(self.firsts) else self.count
-        lights, whole = self._lights[:count], self._whole[: np.searchsorted(self._whole, count)]
+        lights = self._lights[:count]
+        whole = self._whole[: np.searchsorted(self._whole, count)]
         self._bounds[whole] = bounds[self._lights[whole]]
         for light, of_clusters in boxes.items():
             self._bounds[self.leaves(light)] = of_clusters

@@ -106,7 +106,8 @@ class RecentChanges:
         if len(self._records):
             self._records["recent"] *= CHANGE_DECAY
             lasting = self._records["recent"] > MIN_CHANGE
-            self._keys, self._records = self._keys[lasting], self._records[lasting]
+            self._keys = self._keys[lasting]
+            self._records = self._records[lasting]
         now = ids, powers, places, positions
         if self._seen is not None and all(a is b for a, b in zip(self._seen, now, strict=True)):
             return
