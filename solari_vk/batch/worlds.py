@@ -52,11 +52,12 @@ class Worlds:
         self._structures = WorldStructures(device, count)
         self._buffers: dict[str, Buffer] = {}
         self._shared: dict[str, Buffer] = {}  # the scene's tables of lights, while all worlds have them
-        self._worlds_of: dict[SceneRecords, NDArray[np.int64]] = {}
-        for records in dict.fromkeys(binder.worlds):
-            # A scene may stand in a list several times; one scene is that of all worlds.
-            shows = [one is records for one in binder.worlds] if binder.has_many_scenes else [True] * count
-            self._worlds_of[records] = np.flatnonzero(shows)
+        # A scene may stand in a list several times; one scene is that of all worlds.
+        scenes = binder.worlds if binder.has_many_scenes else binder.worlds * count
+        worlds_of: dict[SceneRecords, list[int]] = {}
+        for world, records in enumerate(scenes):
+            worlds_of.setdefault(records, []).append(world)
+        self._worlds_of = {records: np.array(worlds) for records, worlds in worlds_of.items()}
         # What the device has, in the host's memory (worlds, N), and what it was made from.
         self._is_current = False
         self._seen_revision = -1  # of the binder
@@ -165,7 +166,7 @@ class Worlds:
         return any(self._written.get(records) != records.record_revision for records in self._worlds_of)
 
     def _show_scenes(self) -> None:
-        """Show a scene in each world."""
+        """Have each world show its own scene."""
         was_current = self._is_current
         self._is_current = False  # until all is written
         self._scene_lights, keys = lists_of_scenes(self._binder.worlds, self._scene_lights)
@@ -175,7 +176,8 @@ class Worlds:
         self._is_current = True
 
     def _show_overrides(self, overrides: WorldOverrides, is_new: bool) -> None:
-        """Show one scene with what each world has in place of its objects. is_new: the scene was edited."""
+        """Have all worlds show the scene, with what each has in place of the scene's objects. is_new: the scene was
+        edited, or an earlier update failed."""
         self._is_current = False  # until all is written
         overrides.forget_removed()
         moved = overrides.transforms.changed
