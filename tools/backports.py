@@ -29,6 +29,7 @@ def from_one_line(text: str, release: str, backports: str) -> str | None:
 
 def from_stanzas(text: str, release: str, backports: str) -> str | None:
     """A stanza for `backports`, made from the first one for `release` in a .sources file, or None."""
+    # The format of deb822: a comment may stand between the lines of a field.
     without_comments = "\n".join(line for line in text.splitlines() if not line.startswith("#"))
     for stanza in re.split(r"\n\s*\n", without_comments):
         fields = {found["name"].strip().lower(): found["value"] for found in _FIELD.finditer(stanza)}
@@ -71,6 +72,7 @@ def main(backports: str) -> str:
     target = folder / f"solari-vk-backports{source[0]}"
     try:
         target.write_text(source[1], encoding="utf-8")
+        # Readable for all, as the other files there are, whatever this user's umask is.
         target.chmod(0o644)
     except OSError as error:
         sys.exit(f"{target} can't be written: {error.strerror}")

@@ -107,6 +107,7 @@ def stages_made_by(function: ast.FunctionDef) -> Iterator[str]:
 
 def source_of(stage: Stage, of_name: dict[str, list[Source]]) -> Source:
     """Where a stage is made. The stages of one name are told apart by the folder of their passes."""
+    # The posts' separate passes have stages of the same names as those of the default lighting.
     folder = "solari019/"
     separate = any(item.name.startswith(folder) for item in stage.passes)
     found = of_name[stage.name]
@@ -158,6 +159,7 @@ def inputs_and_outputs(stages: Sequence[Stage], rows: Sequence[Row]) -> Iterator
 
 def shader_of(name: str) -> str:
     """The shaders that declare a resource, as links."""
+    # A line of its own, as in `layout(set = 0) uniform image2D depth;`, or the end of a block, as in `} paths;`.
     declaration = re.compile(rf"^(?:layout\(set = \d\b.*|}}) {name};", re.MULTILINE)
     return ", ".join(f"`{file}`" for file, text in shaders().items() if declaration.search(text))
 

@@ -21,6 +21,7 @@ class LayerProperties(ctypes.Structure):
 
 def library(names):
     """The first of these libraries that can be loaded, or None."""
+    # The linker's own folders first, then those where Homebrew puts libraries on macOS.
     for path in (folder + name for name in names if name for folder in FOLDERS):
         try:
             return ctypes.CDLL(path)

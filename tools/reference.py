@@ -70,12 +70,14 @@ def _arguments(found: Any) -> list[str]:
     """The names of the arguments of a function or class, and those of which it makes others; none of enumerations."""
     if inspect.isclass(found) and issubclass(found, Exception | Enum):
         return []
-    given = [str(each).partition(":")[0].partition("=")[0] for each in inspect.signature(found).parameters.values()]
-    return [*given, *(name for name in getattr(found, "_derived", ()) if name not in given)]
+    # As they are written, so that *args and **options keep their signs.
+    names = [str(each).partition(":")[0].partition("=")[0] for each in inspect.signature(found).parameters.values()]
+    return [*names, *(name for name in getattr(found, "_derived", ()) if name not in names)]
 
 
 def _object(name: str) -> Any:
     """What a dotted name means."""
+    # The longest part of the name that is a module; what is left are attributes.
     parts = name.split(".")
     for count in range(len(parts), 0, -1):
         try:
@@ -113,6 +115,7 @@ def _methods(found: type) -> list[str]:
 
 
 def _is_method(value: Any) -> bool:
+    # Functions and properties bind to objects, and so do the descriptors of slots, which are plain fields.
     return not inspect.isclass(value) and (hasattr(value, "__get__") and not inspect.ismemberdescriptor(value))
 
 

@@ -36,6 +36,7 @@ def mosaic(raw: NDArray[np.uint16], sensor: sv.Sensor) -> NDArray[np.uint8]:
             channel = "RGB".index(sensor.bayer[2 * row + column])
             picture[row::2, column::2, channel] = share[row::2, column::2]
     height, width = raw.shape
+    # The middle quarter of the sides, each number as 4x4 pixels, so that the filters can be told apart.
     middle = picture[height * 3 // 8 : height * 5 // 8, width * 3 // 8 : width * 5 // 8]
     return (255 * middle.repeat(4, axis=0).repeat(4, axis=1)).astype(np.uint8)
 

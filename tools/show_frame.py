@@ -75,7 +75,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         kind = sv.PathTracer if options.reference else sv.Renderer
         with sv.Device() as device, kind(device, scene, options.size) as renderer:
             for count in range(1, options.frames + 1):
-                renderer.render(camera, *((count,) if options.reference else ()))
+                # The path tracer is told how many samples the picture has after a call, so that each takes one more.
+                renderer.render(camera, **({"samples": count} if options.reference else {}))
             rows = renderer.describe()
             names = {name for row in rows for name in (*row.reads, *row.writes)}
             resources = {name: renderer.resource(name) for name in names}
@@ -87,7 +88,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 if __name__ == "__main__":
-    python = ROOT / ".venv/bin/python"  # of tools/test, where the package's dependencies are
+    # Where this Python lacks the package's dependencies, that of tools/test has them.
+    python = ROOT / ".venv/bin/python"
     if importlib.util.find_spec("vulkan") is None and python.is_file():
         os.execv(python, [str(python), *sys.argv])
     sys.path.insert(0, str(ROOT))

@@ -35,20 +35,27 @@ def imported_names(path: Path, known: Container[str]) -> set[str]:
     """What a file imports. known: the modules of the package, of which `from package import name` may be one."""
     names: set[str] = set()
     for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-        if isinstance(node, ast.Import):
-            names |= {alias.name for alias in node.names}
-        elif isinstance(node, ast.ImportFrom):
-            if node.level or node.module is None:
-                raise ValueError(f"{path}:{node.lineno}: imports are absolute")
-            inner = [f"{node.module}.{alias.name}" for alias in node.names]
-            names |= {name if name in known else node.module for name in inner}
-        elif isinstance(node, ast.Call) and ast.unparse(node.func).endswith("import_module"):
-            names |= {arg.value for arg in node.args if isinstance(arg, ast.Constant)}
+        if isinstance(node, ast.ImportFrom) and (node.level or node.module is None):
+            raise ValueError(f"{path}:{node.lineno}: imports are absolute")
+        names |= _names_of(node, known)
     return names
+
+
+def _names_of(node: ast.AST, known: Container[str]) -> set[str]:
+    """What a statement or call imports."""
+    if isinstance(node, ast.Import):
+        return {alias.name for alias in node.names}
+    if isinstance(node, ast.ImportFrom):
+        inner = [f"{node.module}.{alias.name}" for alias in node.names]
+        return {name if name in known else str(node.module) for name in inner}
+    if isinstance(node, ast.Call) and ast.unparse(node.func).endswith("import_module"):
+        return {arg.value for arg in node.args if isinstance(arg, ast.Constant)}
+    return set()
 
 
 def circles(graph: dict[str, set[str]]) -> list[list[str]]:
     """The groups of nodes that reach each other, directly or through others; the largest group comes first."""
+    # Graphs of hundreds of modules are small enough to follow from each node.
     reached = {}
     for start in graph:
         found: set[str] = set()

@@ -226,6 +226,7 @@ class Soak:
     def check(self) -> tuple[float, float]:
         """Compare with new renderers; returns the realtime frame's mean and the noise over the path tracer's mean."""
         size = (24, 24)
+        # A few pixels are enough: what edits leave behind is seen anywhere in a picture.
         self.reference.resize(size)
         used = self.reference.render(samples=16)
         depth, radiance = used["depth"], np.asarray(used["radiance"])
@@ -243,7 +244,7 @@ class Soak:
         self.realtime.view = "picture"
         self.realtime.resize(size)
         self.realtime.reset()
-        self.realtime.frame_count = 0
+        self.realtime.frame_count = 0  # which random numbers depend on
         frames = [np.asarray(self.realtime.render()["raw_radiance"]) for _ in range(8)]
         with sv.Renderer(self.device, self.realtime.binder, size) as new:
             same = [np.array_equal(new.render()["raw_radiance"], frame) for frame in frames]
@@ -259,6 +260,7 @@ class Soak:
             self.realtime.seed = tracer.seed = seed
             self.realtime.reset()
             tracer.reset()
+            # The first half lets the world cache and the histories settle.
             frames = [np.asarray(self.realtime.render()["raw_radiance"]).mean() for _ in range(32)]
             means[:, seed] = np.mean(frames[16:]), np.asarray(tracer.render(samples=64)["radiance"]).mean()
         (realtime, truth), noise = means.mean(axis=1), np.linalg.norm(means.std(axis=1, ddof=1)) / SEEDS**0.5
