@@ -181,7 +181,7 @@ def _cache() -> str:
 
 
 def _print_device(report: Any) -> None:
-    from solari_vk.passes.gbuffer import way_on
+    from solari_vk.passes.gbuffer import chosen_method
 
     version = ".".join(map(str, report.api_version))
     print(f"device {report.index}: {report.name} ({report.kind}), {report.driver}, Vulkan {version}, {report.uuid}")
@@ -190,7 +190,7 @@ def _print_device(report: Any) -> None:
         print(f"  --rays {rays}: {'lacks ' + ', '.join(missing) if missing else 'yes'}")
     if report.missing_rays:
         print(f"  without --rays: {_rays_without_option(report.missing_rays)}")
-    print(f"  --settings gbuffer=auto: {way_on(report.kind)}")
+    print(f"  --settings gbuffer=auto: {chosen_method(report.kind)}")
 
 
 def _rays_without_option(missing_rays: Mapping[str, Sequence[str]]) -> str:

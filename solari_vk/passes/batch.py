@@ -26,18 +26,21 @@ def labels_stage(strip: tuple[int, int], rows: int, outputs: Collection[str], in
     Inputs: `views`, `triangle_orders`, `order_starts`. Outputs: `aov_*`, `previous_instances`.
     """
     pixels = strip[0] * strip[1]
-    has_motion, has_materials = (not set(group).isdisjoint(outputs) for group in (MOTION, MATERIALS))
+    has_motion = not set(MOTION).isdisjoint(outputs)
+    has_materials = not set(MATERIALS).isdisjoint(outputs)
+    # Geometry costs next to nothing where a ray is traced, so all of it is stored whenever some is asked for.
     sizes = dict.fromkeys(GEOMETRY, pixels)
-    sizes |= dict.fromkeys(MOTION, pixels if has_motion else 1) | dict.fromkeys(
-        MATERIALS, pixels if has_materials else 1
-    )
+    sizes |= dict.fromkeys(MOTION, pixels if has_motion else 1)
+    sizes |= dict.fromkeys(MATERIALS, pixels if has_materials else 1)
     constants = {"has_motion": has_motion, "has_materials": has_materials}
-    remember = Pass("batch/remember_instances", threads=instance_capacity)
+    passes = [Pass("batch/labels", threads=(strip[0], rows), constants=constants)]
+    if has_motion:
+        passes.append(Pass("batch/remember_instances", threads=instance_capacity))
     return Stage(
         "labels",
         buffers={
             **{f"aov_{name}": size for name, size in sizes.items()},
             "previous_instances": instance_capacity if has_motion else 1,
         },
-        passes=[Pass("batch/labels", threads=(strip[0], rows), constants=constants), *[remember] * has_motion],
+        passes=passes,
     )

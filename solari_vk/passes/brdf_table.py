@@ -23,27 +23,28 @@ def stage() -> Stage:
 
     Outputs: `*_table`, `brdf_averages`.
     """
-    size, glass, slices, anisotropy = (
-        int(reflect(compile_shader(shader), shader).constants[name].default)
-        for shader, name in (
-            ("passes/brdf_table/integrate.comp", "BRDF_TABLE_SIZE"),
-            ("passes/brdf_table/glass.comp", "GLASS_TABLE_SIZE"),
-            ("passes/brdf_table/glass.comp", "GLASS_TABLE_SLICES"),
-            ("passes/brdf_table/anisotropy.comp", "ANISOTROPY_TABLE_SIZE"),
-        )
-    )
+    size = _constant("integrate", "BRDF_TABLE_SIZE")
+    glass = _constant("glass", "GLASS_TABLE_SIZE")
+    slices = _constant("glass", "GLASS_TABLE_SLICES")
+    anisotropy = _constant("anisotropy", "ANISOTROPY_TABLE_SIZE")
     return Stage(
         "brdf_table",
         buffers={"brdf_averages": size, "glass_table": glass * glass * slices, "anisotropy_table": anisotropy**4},
         images={"brdf_table": (size, size), "sheen_table": (size, size)},
         passes=[
             Pass("brdf_table/integrate", threads=(size, size)),
-            Pass("brdf_table/average", threads=size),
+            Pass("brdf_table/average", threads=size),  # after the table that it averages
             Pass("brdf_table/sheen", threads=(size, size)),
             Pass("brdf_table/glass", threads=(glass, glass, slices)),
             Pass("brdf_table/anisotropy", threads=(anisotropy, anisotropy, anisotropy**2)),
         ],
     )
+
+
+def _constant(shader: str, name: str) -> int:
+    """The default of a specialization constant of one of the stage's shaders."""
+    path = f"passes/brdf_table/{shader}.comp"
+    return int(reflect(compile_shader(path), path).constants[name].default)
 
 
 def compute(device: Device) -> tuple[Frame, dict[str, Buffer | Image]]:

@@ -258,12 +258,15 @@ def check_view(name: str, lighting: str) -> None:
 def glsl_header() -> str:
     """`generated/passes/debug_views.glsl`: the function show_debug_view(view, pixel)."""
     numbers = {name: index for index, name in enumerate(DEBUG_VIEWS)}
+    # A switch over groups, in each of which its setup runs once, and a switch over the views of the group.
     groups = []
     for group in _GROUPS:
         labels = " ".join(f"case {numbers[name]}u:" for name in group.views)
         views = "\n".join(f"case {numbers[name]}u: return {color};" for name, (_, color) in group.views.items())
         text = f"{labels} {{\n{group.setup}\nswitch (view) {{\n{views}\n}}\n}}"
-        groups.append(f"#ifdef LIGHTING_{group.lighting.upper()}\n{text}\n#endif" if group.lighting else text)
+        if group.lighting:  # the other lightings' shaders don't declare what these views read
+            text = f"#ifdef LIGHTING_{group.lighting.upper()}\n{text}\n#endif"
+        groups.append(text)
     return (
         "vec3 show_debug_view(uint view, uvec2 pixel) {\n"
         "ivec2 at = ivec2(pixel);\n"

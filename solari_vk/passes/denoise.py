@@ -42,8 +42,12 @@ def stage(size: tuple[int, int], grid: tuple[int, int] = (1, 1), skips_pixels: b
     Inputs: `paths_diffuse`, `paths_specular`, `guides_*_albedo`, and the history: `denoise_*`.
     Outputs: `denoise_diffuse`, `denoise_specular`, `denoise_alternate`; `denoise_pong` for this frame.
     """
-    pixels, skips = size[0] * size[1], {"skips_pixels": skips_pixels}
-    cells = (grid[0] * -(-size[0] // grid[0] // CELL_SIZE), grid[1] * -(-size[1] // grid[1] // CELL_SIZE))
+    pixels = size[0] * size[1]
+    skips = {"skips_pixels": skips_pixels}
+    # Each view has cells of its own, so that no cell compares the light of two views. A view's last ones may be partly
+    # outside: -(-a // b) rounds up.
+    view_width, view_height = size[0] // grid[0], size[1] // grid[1]
+    cells = (grid[0] * -(-view_width // CELL_SIZE), grid[1] * -(-view_height // CELL_SIZE))
     return Stage(
         "denoise",
         buffers={
@@ -52,9 +56,11 @@ def stage(size: tuple[int, int], grid: tuple[int, int] = (1, 1), skips_pixels: b
             "denoise_pong": Aliased("previous_denoise_specular", pixels),
         },
         passes=[
+            # Where light changed: as A-SVGF (Schied, Peters and Dachsbacher 2018), but without tracing paths again.
             Pass("denoise/temporal_gradient", threads=cells, constants=skips),
             Pass("denoise/history_confidence", threads=cells),
             Pass("denoise/accumulate", threads=size, constants=skips),
+            # How uncertain each mean is, and the a-trous wavelet filter (Dammertz et al. 2010) that follows from it.
             Pass("denoise/variance", threads=size),
             *(Pass("denoise/blur", threads=size, constants={"level": level}) for level in range(LEVELS)),
         ],

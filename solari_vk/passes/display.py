@@ -40,7 +40,9 @@ def show_stage(size: tuple[int, int], debug_view: str = "") -> Stage:
 
     Inputs: `radiance`, and for debug views what they show: `*`. Outputs: `display`.
     """
-    passes = ["display/show"] + [debug_view] * bool(debug_view)
+    passes = ["display/show"]
+    if debug_view:
+        passes.append(debug_view)
     return Stage("show", images={"display": size}, passes=[Pass(name, threads=size) for name in passes])
 
 
@@ -55,6 +57,7 @@ def count_rays(stages: Sequence[Stage]) -> tuple[list[Stage], list[str]]:
     def with_counter(item: Pass | Draw | Step) -> Pass | Draw | Step:
         if not isinstance(item, Pass):
             return item
+        # The passes that count are those whose shaders have the constant: they include passes/ray_count.glsl.
         path = f"passes/{item.name}.comp"
         if "ray_counter" not in reflect(compile_shader(path, header=item.header), path).constants:
             return item

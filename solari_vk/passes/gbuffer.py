@@ -16,26 +16,30 @@ PROXIES = "SCENE_PROXIES"  # the feature of instances with a ray_mesh
 PREVIOUS_INSTANCES = "previous_instances"  # the rows stay valid when the table of instances grows
 
 
-def way_on(device_kind: str, way: str = "auto", features: Collection[str] = (), has_lens: bool = False) -> str:
+def chosen_method(
+    device_kind: str, method: str = "auto", features: Collection[str] = (), has_lens: bool = False
+) -> str:
     """ "raster" or "traced". For "auto", what is faster on a device of this kind (`DeviceProperties.kind`), and raster
     where a scene with these features has meshes for rays alone, so that pictures show the others; traced for cameras
     with a lens, since raster draws straight lines."""
-    if way != "auto":
-        return way
+    if method != "auto":
+        return method
     if has_lens:
         return "traced"
     return "raster" if device_kind == "cpu" or PROXIES in features else "traced"
 
 
 def stage(
-    size: tuple[int, int], settings: Settings, instance_capacity: int, way: str, has_lobes: bool = False
+    size: tuple[int, int], settings: Settings, instance_capacity: int, method: str, has_lobes: bool = False
 ) -> Stage:
-    """The images of the packed layout with their history. instance_capacity: rows of the scene's `instances`.
+    """The images of the packed layout with their history. instance_capacity: rows of the scene's `instances`. method:
+    "raster" or "traced".
 
     has_lobes: whether the scene's materials need more than the first image has.
     Outputs: `gbuffer`, `gbuffer_surface`, `gbuffer_lobes`, `depth`, `motion_vectors`; for the next frame
     `visible_instances`.
     """
+    # Few scenes have lobes such as coats; the others need no memory for them.
     lobes = size[0] * size[1] if has_lobes else 1
     buffers: dict[str, int | History | IfUsed] = {PREVIOUS_INSTANCES: instance_capacity, "gbuffer_lobes": IfUsed(lobes)}
     images: dict[str, tuple[int, int] | History] = {
@@ -45,7 +49,7 @@ def stage(
         "motion_vectors": size,
     }
     passes: list[Pass | Draw] = [Pass("gbuffer/trace", threads=size)]
-    if way == "raster":
+    if method == "raster":
         levels = _pyramid_sizes(size) if settings.occlusion_culling else []
         buffers |= _raster_buffers(instance_capacity, levels)
         images |= {"raster_triangles": size, "raster_depth": size}
@@ -83,13 +87,15 @@ def _raster_buffers(instance_capacity: int, levels: list[tuple[int, int]]) -> di
         "single_sided_draws": instance_capacity,
         "double_sided_draws": instance_capacity,
         "visible_instances": instance_capacity,
+        # All levels one after the other; a buffer has at least one element.
         "depth_pyramid": max(sum(width * height for width, height in levels), 1),
     }
 
 
 def _raster_passes(settings: Settings, rows: int, levels: list[tuple[int, int]]) -> list[Pass | Draw]:
-    """Draws the instances that were visible in the previous frame, then those that the first ones don't hide; without
-    levels of the depth pyramid, all that are in view."""
+    """Draws the instances that were visible in the previous frame, then those that the first ones don't hide: Haar and
+    Aaltonen, "GPU-Driven Rendering Pipelines" (2015). Without levels of the depth pyramid, draws all that are in
+    view."""
 
     def draw(number: int) -> list[Pass | Draw]:
         constants = {
@@ -97,7 +103,7 @@ def _raster_passes(settings: Settings, rows: int, levels: list[tuple[int, int]])
             "frustum_culling": settings.frustum_culling,
             "occlusion_culling": settings.occlusion_culling,
         }
-        at = 2 * number * _DRAW_COUNT_BYTES
+        at = 2 * number * _DRAW_COUNT_BYTES  # each of the two passes has two counts
         lists = [
             DrawList("single_sided_draws", "draw_counts", rows, at),
             DrawList("double_sided_draws", "draw_counts", rows, at + _DRAW_COUNT_BYTES, culls_backs=False),
@@ -118,6 +124,7 @@ def _pyramid_sizes(size: tuple[int, int]) -> list[tuple[int, int]]:
     and the last is a single texel."""
     sizes: list[tuple[int, int]] = []
     while not sizes or size != (1, 1):
+        # Rounded up, so that each texel of a level stands for up to 4 x 4 of the one before, and none is left out.
         size = (-(-size[0] // 4), -(-size[1] // 4))
         sizes.append(size)
     return sizes

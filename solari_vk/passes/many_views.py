@@ -18,8 +18,9 @@ from solari_vk.gpu.shaders.compiler import MANY_VIEWS, has_many_views
 def grid(size: Size, views: int, max_side: int) -> Size:
     """The columns and rows of a grid for pictures of this size that is nearly square, within the device's largest
     side of an image."""
-    columns = round(math.sqrt(views * size[1] / size[0]))
+    columns = round(math.sqrt(views * size[1] / size[0]))  # of a grid that is as wide as high
     columns = max(1, min(columns, views, max_side // size[0]))
+    # At least as many as leave no more rows than the device's images have room for.
     columns = max(columns, -(-views // max(max_side // size[1], 1)))
     return columns, -(-views // columns)
 
@@ -31,6 +32,7 @@ def tiled(size: Size, of: Size) -> Size:
 
 def upload_rows(table: Buffer, rows: NDArray[np.uint8], worlds: int) -> None:
     """Upload the bytes of a table of several worlds, one after the other, to one that has grown."""
+    # Each world's rows stand together, so they move apart when all worlds get more rows.
     grown = np.zeros((worlds, table.size // worlds), np.uint8)
     grown[:, : rows.size // worlds] = rows.reshape(worlds, -1)
     table.upload(grown)
@@ -47,7 +49,7 @@ def over_views(stages: Sequence[Stage]) -> list[Stage]:
         if isinstance(item, Draw):
             raise SolariError(f"{item.name}: raster draws one view at a time: leave the setting gbuffer at auto")
         if not isinstance(item, Pass) or not has_many_views(f"passes/{item.name}.comp"):
-            return item
+            return item  # it doesn't go by pixels of a view
         return dataclasses.replace(item, header=f"{MANY_VIEWS}\n{item.header}".rstrip())
 
     return [

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
-
 from solari_vk.gpu.frame.stages import Pass, Stage
 from solari_vk.gpu.shaders.headers import constants
 from solari_vk.passes.rows import GROUP_SIZE
@@ -25,42 +23,55 @@ def stage(size: tuple[int, int], settings: Settings, views: int) -> Stage:
     `denoise_guides` and `denoise_diffuse`; with restir `motion_vectors`, `previous_*`.
     Outputs: `paths_diffuse`, `paths_specular`, and new cells, `world_cache_*`.
     """
-    pixels, brdf = size[0] * size[1], brdf_constants(settings)
-    short = 1 if settings.restir else settings.paths_short_history_samples
-    timed = settings.frame_ms > 0
-    samples = most_timed_samples(short) if timed else short
-    sample_counts = {"short_history_samples": short, "max_timed_samples": samples if timed else 0}
-    traced = brdf | sample_counts | {"paths_reuse": settings.restir}
-    of_list = Pass("paths/first_ray", indirect="paths_wave", constants=traced)  # over a list of pixels
-    first = of_list if timed else Pass("paths/first_ray", threads=size, constants=traced)
-    later = Pass("paths/later_rays", indirect="paths_wave", constants=traced)
-    chosen = {"pixels_are_chosen": timed}
-    passes = [
-        part
-        for sample, index in itertools.product(range(samples), range(WAVES + 1))
-        for part in (
-            Pass(
-                "paths/next_wave", threads=GROUP_SIZE, constants=chosen | {"sample_index": sample, "wave_index": index}
-            ),
-            later if index else of_list if sample else first,
-        )
-    ]
-    choose = [Pass("paths/choose_pixels", threads=size, constants=sample_counts)]
-    reuse = [Pass(f"paths/{name}", threads=size, constants=brdf) for name in ("temporal", "spatial_and_shade")]
-    return Stage(
-        "paths",
-        buffers={
-            **dict.fromkeys(("paths_diffuse", "paths_specular", "paths_states"), pixels),
-            "paths_ray_queues": 2 * pixels,
-            "paths_queues": views,
-            "paths_wave": 1,
-            "paths_short_histories": pixels if samples > 1 else 1,
-            "paths_chosen": pixels if timed else 1,
-            "paths_reservoir_candidates": pixels if settings.restir else 1,
-            **(dict.fromkeys(RESERVOIRS, pixels) if settings.restir else {}),
-        },
-        passes=[*choose[:timed], *passes, *reuse[: 2 * settings.restir]],
-    )
+    pixels = size[0] * size[1]
+    has_frame_ms = settings.frame_ms > 0
+    # ReSTIR's reservoirs hold one path of a pixel.
+    short_history_samples = 1 if settings.restir else settings.paths_short_history_samples
+    max_samples = most_timed_samples(short_history_samples) if has_frame_ms else short_history_samples
+    sample_counts = {
+        "short_history_samples": short_history_samples,
+        "max_timed_samples": max_samples if has_frame_ms else 0,
+    }
+    brdf = brdf_constants(settings)
+    passes: list[Pass] = []
+    if has_frame_ms:
+        passes.append(Pass("paths/choose_pixels", threads=size, constants=sample_counts))
+    for sample in range(max_samples):
+        passes += _waves(size, sample, has_frame_ms, brdf | sample_counts | {"paths_reuse": settings.restir})
+    buffers = {
+        **dict.fromkeys(("paths_diffuse", "paths_specular", "paths_states"), pixels),
+        "paths_ray_queues": 2 * pixels,  # the paths that go on, of this wave and of the next
+        "paths_queues": views,
+        "paths_wave": 1,
+        # Lists of pixels. Shaders that don't read them declare them all the same, so they have one element then.
+        "paths_short_histories": pixels if max_samples > 1 else 1,
+        "paths_chosen": pixels if has_frame_ms else 1,
+        "paths_reservoir_candidates": pixels if settings.restir else 1,
+    }
+    if settings.restir:
+        buffers |= dict.fromkeys(RESERVOIRS, pixels)
+        passes.append(Pass("paths/temporal", threads=size, constants=brdf))
+        passes.append(Pass("paths/spatial_and_shade", threads=size, constants=brdf))
+    return Stage("paths", buffers=buffers, passes=passes)
+
+
+def _waves(size: tuple[int, int], sample: int, chooses_pixels: bool, constants: dict[str, int | bool]) -> list[Pass]:
+    """The passes over one path of each pixel, or of each that takes so many: first rays, then those of paths that go on.
+
+    Few paths are long. A pass that traced whole paths would keep the threads of the others waiting (Laine, Karras and
+    Aila, "Megakernels Considered Harmful", 2013), so each wave is a dispatch over the list of the paths that are left.
+    """
+    passes = []
+    for wave in range(WAVES + 1):
+        begin = {"pixels_are_chosen": chooses_pixels, "sample_index": sample, "wave_index": wave}
+        passes.append(Pass("paths/next_wave", threads=GROUP_SIZE, constants=begin))
+        if wave > 0:
+            passes.append(Pass("paths/later_rays", indirect="paths_wave", constants=constants))
+        elif sample == 0 and not chooses_pixels:  # all pixels take a first path
+            passes.append(Pass("paths/first_ray", threads=size, constants=constants))
+        else:
+            passes.append(Pass("paths/first_ray", indirect="paths_wave", constants=constants))
+    return passes
 
 
 def most_timed_samples(short_history_samples: int) -> int:

@@ -48,10 +48,12 @@ class Settings:
     def __post_init__(self) -> None:
         choices = {"light_strategy": LIGHT_STRATEGIES, "layering": LAYERINGS, "pixel_filter": tuple(PIXEL_FILTERS)}
         for name, known in choices.items():
-            if (value := getattr(self, name)) not in known:
+            value = getattr(self, name)
+            if value not in known:
                 raise SolariError(f"PathTracer: {name} must be one of {', '.join(known)}, not {quoted(value)}")
         for name in ("max_bounces", "seed", "first_sample"):
-            if not isinstance(value := getattr(self, name), int):
+            value = getattr(self, name)
+            if not isinstance(value, int):
                 raise SolariError(f"PathTracer: {name} must be a whole number, not {quoted(value)}")
             if not 0 <= value < 2**32:
                 raise SolariError(f"PathTracer: {name} must lie between 0 and 2^32 - 1, not {quoted(value)}")
@@ -67,7 +69,7 @@ def trace_stage(size: tuple[int, int], rows: int, settings: Settings, shader: st
     pixels = size[0] * size[1]
     brdf = brdf_constants(settings)
     buffers: dict[str, int | IfUsed] = {"radiance_mean": pixels, "luminance_deviations": pixels, "ray_count": pixels}
-    if shader == "trace":
+    if shader == "trace":  # the difference of a block's halves tells its error
         buffers["sample_ranges"] = IfUsed(2 * math.prod(math.ceil(side / SAMPLE_BLOCK) for side in size))
     return Stage(
         "reference", buffers=buffers, passes=[Pass(f"reference/{shader}", threads=(size[0], rows), constants=brdf)]
@@ -109,7 +111,9 @@ def max_rows(size: tuple[int, int], pixel_ms: float = 0.0) -> int:
     pixel_ms: the milliseconds of a sample of a pixel in another picture, if known; the dispatch then takes DISPATCH_MS.
     """
     rows = rows_of(size, MAX_FIRST_PIXELS)
-    return rows if not pixel_ms else min(rows, max(int(DISPATCH_MS / (pixel_ms * size[0])), MIN_ROWS))
+    if pixel_ms == 0.0:
+        return rows
+    return min(rows, max(int(DISPATCH_MS / (pixel_ms * size[0])), MIN_ROWS))
 
 
 def read_mean(frame: Frame, size: tuple[int, int]) -> NDArray[np.float32]:
@@ -123,10 +127,12 @@ def read_variance(frame: Frame, samples: NDArray[np.int64]) -> NDArray[np.float3
     They are points of low-discrepancy sequences, so the mean's own variance is smaller. samples (height, width): the
     number of each pixel.
     """
-    deviations, count = frame["luminance_deviations"].reshape(samples.shape), samples.astype(np.float64)
-    spread = np.full(samples.shape, np.inf)
-    np.divide(deviations, count * (count - 1), out=spread, where=samples > 1)
-    return spread.astype(np.float32)
+    deviations = frame["luminance_deviations"].reshape(samples.shape)
+    count = samples.astype(np.float64)
+    variance = np.full(samples.shape, np.inf)
+    # The samples' own variance is the sum of squared deviations over count - 1, and that of their mean 1 / count of it.
+    np.divide(deviations, count * (count - 1), out=variance, where=samples > 1)
+    return variance.astype(np.float32)
 
 
 def read_aov(frame: Frame, name: str, size: tuple[int, int]) -> NDArray[Any]:
@@ -142,6 +148,7 @@ def glsl_header() -> str:
 
 def numbered_seed(seed: int, number: int) -> int:
     """The seed of one of many pictures with independent noise; picture 0 has `seed` itself."""
+    # With a step of 1, sets of pictures with the seeds 1 and 2 would share all pictures but one.
     return (seed + number * _SEED_STEP) % 2**32
 
 

@@ -10,6 +10,7 @@ ROW_GROUPS = 1024  # workgroups in a row
 
 def rows(threads: int) -> tuple[int, int]:
     """The size (width, height) of a dispatch of at least `threads` threads; exactly as many for a power of two."""
+    # Vulkan promises 65,535 workgroups in each dimension, so one row of them may not be enough.
     row = ROW_GROUPS * GROUP_SIZE
     return min(threads, row), max(threads // row, 1)
 

@@ -58,6 +58,7 @@ def restir_di(size: tuple[int, int], settings: Settings) -> Stage:
     Outputs: `di_diffuse`, `di_specular`; for debug views `di_reservoirs`, `di_outcomes`.
     """
     pixels = size[0] * size[1]
+    # Two shaders rather than a constant: a shadow ray that is never traced would take time to compile all the same.
     initial = "visible_initial_and_temporal" if settings.di_initial_visibility else "initial_and_temporal"
     names = ("di_reservoirs", "di_temporal_reservoirs", "di_outcomes", "di_diffuse", "di_specular")
     return Stage(

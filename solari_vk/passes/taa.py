@@ -15,6 +15,7 @@ def render_size(size: Size, settings: Settings) -> Size:
 
 def jitter_count(settings: Settings) -> int:
     """The number of frames after which sample positions repeat: 32 in each pixel of the picture."""
+    # A rendered pixel covers upscale**2 of the picture's, and each of these needs its share of the positions.
     return round(32 * settings.upscale**2)
 
 

@@ -12,7 +12,8 @@ from solari_vk.settings.layering import brdf_constants
 
 BLOCK_SIZE = 16  # consecutive cells that one thread of a pass over the whole map handles
 CELLS_OF_PIXEL = 16
-FEWEST_CELLS, FEWEST_CELLS_OF_WORLD = 1 << 16, 1 << 12
+FEWEST_CELLS = 1 << 16
+FEWEST_CELLS_OF_WORLD = 1 << 12
 LARGEST_CELL_BYTES = 16  # of a cell in one buffer
 DISPATCH = "world_cache_dispatch"  # the workgroup counts of passes over active cells
 FRAME_BUFFERS = (DISPATCH, "world_cache_counters")
@@ -32,6 +33,7 @@ CELL_BUFFERS = (
 
 def parts(worlds: int) -> int:
     """The number of parts of the map, of which each world of a batch has one."""
+    # A power of two, as the number of cells is, so that the parts are equally large.
     return 1 << (worlds - 1).bit_length()
 
 
@@ -43,6 +45,7 @@ def most_worlds(largest_buffer: int) -> int:
 
 def paths_stage(size: tuple[int, int], settings: Settings, worlds: int = 1) -> Stage:
     """The cache with cells that are sampled by paths; fewer cells for small pictures, more for many worlds."""
+    # Paths of a small picture ask for few cells, and passes over the whole map take time with its size.
     cells = max(1 << (CELLS_OF_PIXEL * size[0] * size[1] - 1).bit_length(), FEWEST_CELLS)
     sample = Pass("world_cache/sample", indirect=DISPATCH, constants=brdf_constants(settings))
     fewest = FEWEST_CELLS_OF_WORLD * parts(worlds) if worlds > 1 else 0
@@ -66,6 +69,7 @@ def stage(cells: int, samples: Sequence[Pass]) -> Stage:
             "world_cache_worlds": IfUsed(cells),
         },
         passes=[
+            # The cells that live, then where the active ones of each block begin in their list, then the list.
             Pass("world_cache/decay", threads=rows(cells // BLOCK_SIZE)),
             Pass("world_cache/scan", threads=1),
             Pass("world_cache/scatter", threads=rows(cells // BLOCK_SIZE)),

@@ -183,7 +183,9 @@ class Renderer(RendererBase):
     def gbuffer(self) -> str:
         """How the surface of a pixel is found: "raster" or "traced", as the setting says or, for "auto", the device and
         the scene and the camera."""
-        return gbuffer.way_on(self.device.properties.kind, self.settings.gbuffer, self.binder.features, self._has_lens)
+        return gbuffer.chosen_method(
+            self.device.properties.kind, self.settings.gbuffer, self.binder.features, self._has_lens
+        )
 
     def _stages(self, picture: tuple[int, int]) -> list[Stage]:
         """The stages of a frame, in order. picture: width and height of the picture in pixels."""

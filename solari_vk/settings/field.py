@@ -33,6 +33,7 @@ class Field:
         except (TypeError, ValueError, OverflowError):
             return None
         whole = isinstance(default, int)
+        # NaN fails every comparison, so it isn't allowed either.
         if not (self.low <= number <= self.high) or (whole and number != int(number)):
             return None
         return int(number) if whole else number

@@ -23,6 +23,7 @@ class Surfaces(Protocol):
 
 def brdf_constants(settings: Surfaces) -> dict[str, int | bool]:
     """The specialization constants of every pass that evaluates the BRDF."""
+    # Constants of the pipeline, not uniforms: drivers then drop the branch that isn't taken.
     return {"brdf_layering": LAYERINGS.index(settings.layering), "lambertian_surfaces": settings.lambert}
 
 

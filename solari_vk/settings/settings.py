@@ -245,6 +245,7 @@ class Settings(SeparatePasses, Hints):
     """A number that grows with each change."""
 
     def __new__(cls, *_: Any, **fields: Any) -> Settings:
+        # Before the dataclass's __init__, which would raise a TypeError without a suggestion.
         for name in fields:
             if name not in FIELDS:
                 raise _unknown(name)
@@ -252,6 +253,7 @@ class Settings(SeparatePasses, Hints):
 
     def __setattr__(self, name: str, value: Any) -> None:
         checked = _check(name, value)
+        # Renderers compare this number to see whether anything has changed since their latest frame.
         object.__setattr__(self, "revision", self.revision + 1)
         object.__setattr__(self, name, checked)
 
@@ -295,6 +297,7 @@ class Settings(SeparatePasses, Hints):
     def built_in(self) -> tuple[Any, ...]:
         """The values of the fields that are built into pipelines or sizes."""
         values = {name: getattr(self, name) for name, field in FIELDS.items() if field.rebuilds}
+        # Pipelines depend on whether frames have a time limit; its value is live.
         return tuple((values | {"frame_ms": self.frame_ms > 0}).values())
 
 

@@ -33,6 +33,7 @@ UNIFORMS = {name: f"{FIELDS[name].section}_settings.{_member(name)}" for name in
 
 def glsl_header() -> str:
     """The uniform blocks, and constants for choices, such as `const uint DI_TARGET_MATTE = 1u;`."""
+    # Numbers take 4 bytes each in the layout "scalar", switches and choices too: GLSL blocks have no bool.
     sections: dict[str, list[str]] = {}
     for name in UNIFORMS:
         kind = "float" if isinstance(DEFAULTS[name], float) else "uint"
@@ -51,6 +52,7 @@ def uniform_values(settings: Settings) -> dict[str, int | float]:
     """The values of all live settings by the names of UNIFORMS."""
     values = {}
     for name, uniform in UNIFORMS.items():
-        value, choices = getattr(settings, name), FIELDS[name].choices
+        value = getattr(settings, name)
+        choices = FIELDS[name].choices
         values[uniform] = choices.index(value) if choices else value
     return values

@@ -142,8 +142,8 @@ def test_first_hits_show_what_the_picture_shows(device):
 
 
 def test_a_ray_mesh_that_comes_later_makes_the_picture_raster(device):
-    assert gbuffer.way_on("discrete_gpu") == "traced"
-    assert gbuffer.way_on("discrete_gpu", "auto", {gbuffer.PROXIES}) == "raster"
+    assert gbuffer.chosen_method("discrete_gpu") == "traced"
+    assert gbuffer.chosen_method("discrete_gpu", "auto", {gbuffer.PROXIES}) == "raster"
     scene = sv.builtin("cornell_box")
     with sv.Renderer(device, scene, SIZE, sv.Settings(gbuffer="auto")) as renderer:
         renderer.render()

@@ -126,7 +126,7 @@ def _in_a_stream(
     device = renderer.device
     warm(device, lambda: renderer.render(scene.camera), plan.warm_up_frames, plan.seconds)
     streamed = frame_passes.streamed_time(renderer, scene.camera, plan.frames)
-    if renderer.settings.gbuffer != gbuffer.way_on(device.properties.kind):
+    if renderer.settings.gbuffer != gbuffer.chosen_method(device.properties.kind):
         return streamed, None
     ratio = frame_passes.against_bare_rays(renderer, scene.camera, rays, plan.frames)
     if picture is not None:
