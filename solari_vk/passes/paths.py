@@ -56,7 +56,7 @@ def stage(size: tuple[int, int], settings: Settings, views: int) -> Stage:
 
 
 def _waves(size: tuple[int, int], sample: int, chooses_pixels: bool, constants: dict[str, int | bool]) -> list[Pass]:
-    """The passes over one path of each pixel, or of each that takes so many: first rays, then those of paths that go on.
+    """The passes over one path of each pixel, or of each that takes so many: first rays, then those of the rest.
 
     Few paths are long. A pass that traced whole paths would keep the threads of the others waiting (Laine, Karras and
     Aila, "Megakernels Considered Harmful", 2013), so each wave is a dispatch over the list of the paths that are left.

@@ -16,8 +16,8 @@ from solari_vk.gpu.tensors.exports import CudaTensor
 from solari_vk.passes import gbuffer, reference
 
 AVERAGED = 16  # rays of a pixel in a mean
-COVERING_BITS = 6
-COVERING = 1 << COVERING_BITS
+COVERAGE_BITS = 6
+COVERAGE_RAYS = 1 << COVERAGE_BITS
 """Rays of a pixel's alpha, by Hammersley's points: with 16 much of a bright background stays in edges."""
 
 
@@ -65,16 +65,17 @@ class FirstHitReader:
         return [reference.read_aov(frame, name, size) for name in names]
 
     def read_coverage(self, projection: Projection, size: tuple[int, int]) -> NDArray[np.float32]:
-        """The share of each pixel (height, width) that shows a surface, from COVERING rays, with proxies."""
+        """The share of each pixel (height, width) that shows a surface, from COVERAGE_RAYS rays, with proxies."""
         frames = (self._found(projection, size, offset, True) for offset in _hammersley())
         hits = sum(np.isfinite(reference.read_aov(frame, "depth", size)).astype(np.float32) for frame in frames)
-        return np.asarray(hits / COVERING, np.float32)
+        return np.asarray(hits / COVERAGE_RAYS, np.float32)
 
     def _found(
         self, projection: Projection, size: tuple[int, int], offset: tuple[float, float], proxies: bool
     ) -> Frame:
         """A frame whose buffers have the results at an offset from the pixels' centers, in pixels."""
         rows = reference.max_rows(size)
+        # Raster is needed where instances have a mesh for rays that isn't the one that pictures show.
         rasters = not proxies and gbuffer.PROXIES in self._binder.features
         built = self._binder.version, self._binder.instance_capacity, size, rasters
         if self._frame is None or built != self._built:
@@ -85,6 +86,7 @@ class FirstHitReader:
                 stages.insert(0, gbuffer.raster_stage(size, self._binder.instance_capacity))
             self._frame = Frame(self._device, stages, external=external, features=self._binder.features)
             self._built = built
+        # All outputs of a view are computed together, and read one by one.
         shown = self._binder.revision, projection[1:], offset
         if shown != self._shown:
             uniforms = self._frame.uniforms
@@ -100,10 +102,14 @@ class FirstHitReader:
         """Free all memory on the device; the next `read` allocates it again."""
         if self._frame is not None:
             self._frame.close()
-        self._frame, self._shown = None, ()
+        self._frame = None
+        self._shown = ()
 
 
 def _hammersley() -> list[tuple[float, float]]:
-    """COVERING points, evenly over a pixel, as offsets from its center."""
-    reverse = [int(f"{number:0{COVERING_BITS}b}"[::-1], 2) for number in range(COVERING)]
-    return [((number + 0.5) / COVERING - 0.5, (other + 0.5) / COVERING - 0.5) for number, other in enumerate(reverse)]
+    """COVERAGE_RAYS points, evenly over a pixel, as offsets from its center."""
+    # The second coordinate is the number with its binary digits in reverse: Hammersley, "Monte Carlo Methods for
+    # Solving Multivariable Problems" (1960). Half a step moves the points from the edges of their cells to the middle.
+    reversed_digits = [int(f"{number:0{COVERAGE_BITS}b}"[::-1], 2) for number in range(COVERAGE_RAYS)]
+    points = [((x + 0.5) / COVERAGE_RAYS, (y + 0.5) / COVERAGE_RAYS) for x, y in enumerate(reversed_digits)]
+    return [(x - 0.5, y - 0.5) for x, y in points]

@@ -55,7 +55,11 @@ class FrameBudget:
         times = frame.timings_so_far()
         self.record_times(frame.timed_value, times)
         if not settings.denoise:
-            self.share, self.limit, self._next, self._history = 1.0, "denoise=off", (1.0, 0.0), 0.0
+            # Only the denoiser can do without a path in a pixel.
+            self.share = 1.0
+            self.limit = "denoise=off"
+            self._next = 1.0, 0.0
+            self._history = 0.0
             return self.share
         long = min(SHORT_HISTORY, settings.denoise_max_history - 1)
         return self.choose(settings.frame_ms, settings.paths_short_history_samples, is_cut, long)
@@ -68,9 +72,14 @@ class FrameBudget:
         max_share = min(MAX_SHARE, most_timed_samples(short_samples) / samples)
         others, paths = self._estimate or (0.0, 0.0)
         if self._estimate is not None:
+            # What is left of the time after the other passes, over what all paths take.
             wanted = (frame_ms / max(self.percentile, 1.0) - others) / max(paths * samples, 1e-9)
             self.share = min(max(wanted, MIN_SHARE), max_share)
-            self.limit = "fewest paths" if wanted < self.share else "most paths" if wanted > self.share else ""
+            self.limit = ""
+            if wanted < self.share:
+                self.limit = "fewest paths"
+            elif wanted > self.share:
+                self.limit = "most paths"
         count = max(self.share * samples, 1.0 if self._history < 1.0 else 0.0)  # as in short_history.glsl
         self._next = count, others + paths * count
         self._history += min(count, 1.0)
@@ -81,7 +90,8 @@ class FrameBudget:
         time, which may include what a driver does once, doesn't count."""
         if self._next and not self._is_first:
             self._submitted[value] = self._next
-        self._next, self._is_first = None, False
+        self._next = None
+        self._is_first = False
 
     def record_times(self, value: int, times: Mapping[str, float]) -> None:
         """times: of the passes of the frame with this timeline value, by name. Frames that are known are ignored."""
@@ -89,6 +99,7 @@ class FrameBudget:
             return
         count, expected = self._submitted[value]
         self._submitted = {later: what for later, what in self._submitted.items() if later > value}
+        # A frame tells two numbers: the time of its other passes, and that of a path in each pixel.
         paths = sum(time for name, time in times.items() if name.startswith(PATHS))
         before, found = self._found, (sum(times.values()) - paths, paths / count)
         self._found = found
@@ -113,5 +124,7 @@ def check_frame_ms(settings: Settings, device: Device) -> None:
 
 def _updated(estimate: float, before: float, found: float) -> float:
     """An estimate, after two frames. One slow frame alone, as other programs cause, changes it little."""
+    # A lasting change shows in two frames in a row, and replaces the estimate; else it is an exponential mean, to which
+    # a slow frame counts as JUMP times the estimate at most.
     at_once = min(before, found)
     return at_once if at_once > JUMP * estimate else estimate + WEIGHT * (min(found, JUMP * estimate) - estimate)

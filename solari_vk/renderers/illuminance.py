@@ -64,12 +64,15 @@ def illuminance(
     shape, places, directions = _broadcast(points, normals)
     if not len(places):
         return Illuminance(np.zeros(shape), np.zeros(shape))
-    pixels = max(1, min(BUSY // len(places), samples // LEAST_SAMPLES))  # of a point
+    # Few points are measured by several pixels each, which share their samples.
+    pixels = max(1, min(BUSY // len(places), samples // LEAST_SAMPLES))
     repeated = np.repeat(np.concatenate([places, directions], axis=1), pixels, axis=0)
     checked_device(device, "illuminance")
     with _PointTracer(device, scene, repeated, cylindrical, max_bounces, seed) as tracer:
         frame = tracer.render(Camera(), math.ceil(samples / pixels), time_limit=time_limit)
         measured = frame["raw_radiance"].astype(np.float64) @ LUMINANCE_WEIGHTS, frame["variance"].astype(np.float64)
+    # A pixel is the radiance that a white Lambertian surface would have at its point: the illuminance over pi.
+    # Pixels of one point are independent: the variance of their mean is the mean variance over their number.
     light, variance = (array.ravel()[: len(repeated)].reshape(-1, pixels) for array in measured)
     error = np.sqrt(variance.sum(axis=1)) / pixels
     return Illuminance(*(math.pi * array.reshape(shape) for array in (light.mean(axis=1), error)))
@@ -97,6 +100,8 @@ class _PointTracer(PathTracer):
         return [reference.trace_stage(size, self._dispatch.rows, self.settings, "illuminance")]
 
     def _inputs(self) -> dict[str, Any]:
+        # Numbers of 32 bits are rounded in proportion to the largest coordinate: a point that lies on a surface must
+        # be lifted by more than that, or its rays would hit the surface itself.
         reach = max((np.abs(b).max() for b in self._corners()), default=0.0)
         points, normals = np.split(self._points, 2, axis=1)
         lift = LIFT * np.maximum(np.abs(points).max(axis=1, keepdims=True), reach)

@@ -183,6 +183,7 @@ class PathTracer(RendererBase):
         if exposes:
             return self._render_exposed(camera, samples, shutter, pose, denoise, is_late, progress)
         self._prepare(camera)
+        # Before the target is known, so that all pixels have equally many samples when the first error is estimated.
         if self.begun[0]:
             self._add_samples(0)  # the rest of what `advance` has begun
         self._sample_counts.aim(target_error, denoise, samples)
@@ -225,6 +226,7 @@ class PathTracer(RendererBase):
         self._prepare_lens(camera)
         self.binder.update()
         projection = Projection.of(camera, self.size)
+        # Samples of earlier calls count only for the same scene through the same camera.
         shown = (self.binder.revision, self.size, *projection.view)
         if shown != self._shown:
             self._shown = shown
@@ -300,6 +302,7 @@ class PathTracer(RendererBase):
                     self._begin_picture()
                     self._frame.apply_edits()
                     reference.write_uniforms(self._frame.uniforms, self.settings)
+                # Without a history: each time has a camera of its own, and the samples add up to one mean.
                 CameraUniforms(self._frame.uniforms).write(shown, self.size)
                 submission = self._trace_rows(*moment.rows, *moment.samples)
                 if denoise:
@@ -373,6 +376,7 @@ class PathTracer(RendererBase):
         return self._guides
 
     def _read_denoised(self) -> NDArray[np.float32]:
+        # Denoising takes longer than many samples, and a picture may be read several times.
         if self._denoised is None or self._denoised[0] != self.samples:
             self._denoised = self.samples, oidn.denoise(self.read("raw_radiance"), *self.read_guides())
         return self._denoised[1]

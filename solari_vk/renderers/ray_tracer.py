@@ -22,7 +22,8 @@ from solari_vk.passes import brdf_table
 from solari_vk.renderers.scene_frame import SceneFrame, bind_scene
 from solari_vk.scene.model import Instance, Scene
 
-SHADER, ECHO_SHADER = "passes/ray_tracer/trace.comp", "passes/ray_tracer/backscatter.comp"
+SHADER = "passes/ray_tracer/trace.comp"
+ECHO_SHADER = "passes/ray_tracer/backscatter.comp"
 ARRAYS = ("ray_origins", "ray_directions", "ray_starts", "ray_ends", "ray_hits")
 ECHOES = "ray_echoes"
 BATCH = 1 << 16  # rays in a dispatch: enough to hide the cost of a dispatch, few enough for any driver's watchdog
@@ -137,12 +138,14 @@ class RayTracer(Hints):
 
         for number, start in enumerate(range(0, count, BATCH)):
             batch = slice(start, min(start + BATCH, count))
+            # The buffers have two halves: the host fills and reads one while the device works on the other.
             first = number % 2 * BATCH
             span = slice(first, first + batch.stop - batch.start)
             with np.errstate(over="ignore"):  # overflow gives infinity, as documented
                 for name, values in rays.items():
                     self._mapped[name][span] = values[batch]
             frame.uniforms["ray_batch.first"] = first
+            # Random numbers follow from a ray's number in the whole array, so that batches don't repeat them.
             frame.uniforms["ray_batch.number"] = start & 0xFFFFFFFF
             frame.uniforms["ray_batch.count"] = batch.stop - batch.start
             submitted = (frame.submit(), batch, span)
@@ -155,7 +158,7 @@ class RayTracer(Hints):
 
     def frame(self, any_hit: bool, echoes: bool = False) -> SceneFrame:
         """The frame that traces a batch of the rays in the buffers."""
-        if (any_hit, echoes) not in self._frames:
+        if (any_hit, echoes) not in self._frames:  # each way is compiled when it is first asked for
             vk = self.device.vk
             external: dict[str, Any] = {**self._buffers, **self._orders.buffers}
             if echoes:
@@ -175,7 +178,7 @@ class RayTracer(Hints):
         """Apply the scene's edits to `instances` and to the order of triangles on the device."""
         self.binder.update()
         if self.binder.revision == self._revision:
-            return
+            return  # no edit since the latest call
         self.instances = self.binder.instances
         if self._orders.update():
             for frame in self._frames.values():

@@ -164,6 +164,7 @@ class Renderer(RendererBase):
 
     def _submit(self, camera: Camera, exposure: ShutterUniforms | None = None) -> tuple[Projection, int]:
         """Submit a frame of the scene as it is; returns its projection, and the device's timeline value."""
+        # A lens may change the G-buffer's method, which `_prepare` builds the frame for.
         self._prepare_lens(camera, rasters=self.settings.gbuffer == "raster")
         self._prepare()
         try:
@@ -226,11 +227,13 @@ class Renderer(RendererBase):
             self._has_lens,
             self._frame.uniforms.version,
         )
+        # Most frames have the settings of the one before, whose uniforms then stay as they are.
         if seen != self._written_settings:
             if self._built != self._build_key():
                 self._rebuild()
             self._write_settings()
             self._written_settings = seen
+        # Reservoirs and histories name lights by the previous frame's numbers, which are translated where they changed.
         lights = self.binder.lights
         if self._lights.update(lights.ids, lights.emitted, lights.positions, self.settings.world_cache_cell_size):
             self._frame.bind(self._lights.buffers)
@@ -248,9 +251,10 @@ class Renderer(RendererBase):
 
     def _rebuild(self) -> None:
         """Rebuild the frame. Previous transforms of instances are kept when the table of instances has grown."""
-        key = self._build_key()
-        grown = self.frame_count > 0 and key[1] > self._built[1]
-        instances = self._frame.resource(gbuffer.PREVIOUS_INSTANCES).read() if grown else None
+        built_capacity = self._built[1]
+        instances = None
+        if self.frame_count > 0 and self.binder.instance_capacity > built_capacity:
+            instances = self._frame.resource(gbuffer.PREVIOUS_INSTANCES).read()
         cells = self._frame.memory.get("world_cache_life")
         rendered = self._built_render_size
         self._frame.rebuild(self._stages(self.size))
@@ -272,14 +276,17 @@ class Renderer(RendererBase):
         """Write what changes from frame to frame: the camera, the lights that changed, the noise's index and seed."""
         offset = (0.0, 0.0)
         if self.settings.jitter:
+            # Renderers of different seeds begin at different places of the sequence of offsets, so that the mean of
+            # their pictures has more of them.
             offset = self._jitters[(self.frame_count + 7 * self.seed) % len(self._jitters)]
         history = self._has_history
         lights = self.binder.lights
         cell_size = self.settings.world_cache_cell_size
         self._changed_lights.update(lights.ids, lights.emitted, lights.places, lights.positions, cell_size)
-        if not history:
+        if not history:  # no light has changed since a frame that doesn't count
             self._lights.change = 0.0
             self._changed_lights.clear()
+        # Each frame sees all through one point of the lens: Haeberli and Akeley, "The Accumulation Buffer" (1990).
         on_lens = lens_point(camera, self.frame_count + SEED_STRIDE * self.seed)
         projection = self._camera_uniforms.write(
             camera, self.size, offset, render_size=self._built_render_size, has_history=history, lens_offset=on_lens
@@ -390,8 +397,10 @@ class Renderer(RendererBase):
         resource = "depth" if name == "gbuffer_depth" else name.replace("/", "_")
         if not self._has(resource):
             lit = lighting.lighting_with(resource)
-            if needed := "denoise=on" if resource in self._frame else lit and f"lighting={lit}":
-                raise SolariError(f"Renderer: there is no '{name}': it needs the setting {needed}")
+            if resource in self._frame:  # `error`, which the denoiser estimates
+                raise SolariError(f"Renderer: there is no '{name}': it needs the setting denoise=on")
+            if lit:
+                raise SolariError(f"Renderer: there is no '{name}': it needs the setting lighting={lit}")
             raise unknown_name("Renderer: there is no result", name, self.outputs)
         return by_pixel(self._frame[resource], self._result_sizes(resource))
 

@@ -66,6 +66,7 @@ class RendererBase(Hints):
         self._owned = ExitStack()
         self.binder = bind_scene(device, scene, type(self).__name__, self._owned)
         try:
+            # The tables and the subclasses' frames need to know the scene's features.
             self.binder.update()
             self._has_lens = any(camera.has_lens or camera.aperture for camera in self.binder.scene.cameras)
             table, self._tables = brdf_table.compute(device)
@@ -189,6 +190,7 @@ class RendererBase(Hints):
         radiance (height, width, 3): another picture of the same view, such as the mean of several frames.
         """
         radiance = self["radiance"] if radiance is None else radiance
+        # Without an environment, pixels without a surface are black, which the exposure doesn't count anyway.
         surfaces = None if self.binder.scene.environment is None else np.isfinite(self["depth"])
         return auto_exposure(radiance, surfaces)
 
@@ -208,6 +210,7 @@ class RendererBase(Hints):
                 f"a transparent background: blurred edges have no alpha here, and {frame.camera.describe()} has {blurs}"
             )
         coverage = self.first_hits.read_coverage(frame._projection, self.size)
+        # What is behind the surfaces is taken away in the share of each pixel that they leave open.
         environment = self.binder.scene.environment
         behind = 0.0 if environment is None else backdrop(environment, frame.camera, self.size)
         return premultiplied(radiance, coverage, behind), coverage
@@ -253,6 +256,7 @@ class RendererBase(Hints):
             return
         self._looked_for_light = True
         for scene in self._dark_scenes:
+            # Unlit materials are seen without light, and an empty scene is black on purpose.
             shown = [instance.material for instance in scene if instance.visible]
             if shown and not any(material.unlit for material in shown):
                 warn(
@@ -280,6 +284,7 @@ class RendererBase(Hints):
         if bends_rays and rasters:
             raise SolariError(f"{camera.describe()}: raster draws no lenses: leave the setting gbuffer at auto")
         self._has_lens = bends_rays
+        # The scene's own cameras are known to the binder; this one may be another.
         if camera.has_lens and LENSES not in self.binder.features:
             self.binder.mark_changed(camera)
 
@@ -289,6 +294,7 @@ class RendererBase(Hints):
             width, height = (operator.index(n) for n in size)
         except (TypeError, ValueError):
             raise SolariError(f"{what}: size must be two whole numbers (width, height), not {quoted(size)}") from None
+        # A size is refused here, in words, since an allocation would fail much later.
         limits = self.device.properties.limits
         max_pixels = limits.maxStorageBufferRange // self.LARGEST_PIXEL_BYTES
         max_side = limits.maxImageDimension2D if self.IN_IMAGES else max_pixels

@@ -46,7 +46,7 @@ class SampleCounts:
         self._estimate = ErrorEstimate(max(FIRST_DENOISED_LOOK if self.denoises else 1, self.samples))
 
     def aim(self, target: float | None, denoises: bool, limit: int | None = None) -> None:
-        """Say which error is wanted from now on, None for no estimates, and whether it is that of denoised pictures;
+        """Set the error that is wanted from now on, None for no estimates, and whether it is that of denoised pictures;
         warn if there are more samples than the limit that will be given to `wanted`.
 
         Only pictures that aren't denoised, with a target above 0, have pixels with different numbers of samples.
@@ -56,6 +56,7 @@ class SampleCounts:
                 f"the picture has {self.samples} samples of earlier calls, more than {limit}: call reset() before "
                 "render for a new one"
             )
+        # The error of a denoised picture is another one, which is estimated in another way.
         if denoises != self.denoises:
             self.denoises = denoises
             self._begin_estimating()
@@ -63,6 +64,7 @@ class SampleCounts:
         if target and not denoises:
             self._plan = self._plan or SamplePlan(self._size, reference.SAMPLE_BLOCK, self.samples)
         elif self._plan is not None:
+            # All pixels must have the same number again before a picture without a plan goes on.
             self._plan.begin_even_pass()
             self._write_ranges(self._plan)
 
@@ -73,6 +75,7 @@ class SampleCounts:
             self._begin_evenly()
         if self._plan is not None:
             if not self._plan.remaining:
+                # Rays count what samples of a pixel cost, and the plan spends them where they lower the error most.
                 if self.samples:
                     rays = self._frame["ray_count"].reshape(self._size[::-1])
                     self._plan.estimate_error(self._read("raw_radiance"), rays)
@@ -106,7 +109,7 @@ class SampleCounts:
         return self.samples if self._plan is None else self._plan.traced
 
     def add(self, count: int) -> None:
-        """Note that pixels have taken samples."""
+        """Count samples that pixels have taken."""
         if self._plan is None:
             self.samples += count
         else:

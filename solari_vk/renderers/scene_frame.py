@@ -51,6 +51,7 @@ class SceneFrame(Frame, Hints):
         self._owned = ExitStack()
         self.binder = bind_scene(device, scene, type(self).__name__, self._owned)
         try:
+            # The shaders are compiled for the features that the scene has, so it must be on the device before.
             self.binder.update(self)
             self._bound_version = self.binder.version
             self._replaced = frozenset(external or ())
@@ -81,9 +82,11 @@ class SceneFrame(Frame, Hints):
         self.check_open()
         binder = self.binder
         binder.update(self)
+        # A buffer that has grown is another one, which descriptors must name.
         if binder.version != self._bound_version:
             self._bound_version = binder.version
             self.bind(self._scene_resources)
+        # Other features are other constants of the pipelines.
         if self.features != binder.features:
             self.rebuild(features=binder.features)
 
