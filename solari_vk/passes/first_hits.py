@@ -96,6 +96,7 @@ GEOMETRY = tuple(name for name, output in FIRST_HITS.items() if output.geometric
 
 def glsl_header() -> str:
     """The buffers `aov_NAME`, and macros that store all outputs of a pixel where what their values know is defined."""
+    # Macros rather than functions, because this header is included before the structs that the values are made of.
     outputs = FIRST_HITS.items()
     blocks = [f"layout(set = 1, scalar) buffer Aov_{name} {{ {row.type} at[]; }} aov_{name};" for name, row in outputs]
     macros = {

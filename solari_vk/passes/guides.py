@@ -29,6 +29,7 @@ def stage(size: tuple[int, int], settings: Settings) -> Stage:
     Inputs: `gbuffer*`, `depth`, `motion_vectors`, `previous_instances`, `*_table`,
     `brdf_averages`. Outputs: `guides_*`.
     """
+    # One pass writes all images, since the chain of mirrors that they describe is traced once.
     return Stage(
         "guides",
         images={f"guides_{name}": size for name in IMAGES},

@@ -68,6 +68,7 @@ def trace_stage(size: tuple[int, int], rows: int, settings: Settings, shader: st
     """
     pixels = size[0] * size[1]
     brdf = brdf_constants(settings)
+    # Means and sums of squared deviations, updated as by Welford (1962), take any number of samples in float32.
     buffers: dict[str, int | IfUsed] = {"radiance_mean": pixels, "luminance_deviations": pixels, "ray_count": pixels}
     if shader == "trace":  # the difference of a block's halves tells its error
         buffers["sample_ranges"] = IfUsed(2 * math.prod(math.ceil(side / SAMPLE_BLOCK) for side in size))

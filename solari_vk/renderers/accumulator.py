@@ -44,6 +44,7 @@ class FrameAccumulator:
     def add(self) -> None:
         """Add the renderer's latest frame."""
         for name in self._sums:
+            # In float64, because the rounding of thousands of sums in float32 would show.
             self._sums[name] = self._sums[name] + self._renderer[name].astype("float64")
         self.count += 1
         if self._estimate is not None and self.count >= self._estimate.next_count:

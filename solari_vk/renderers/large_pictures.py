@@ -57,6 +57,8 @@ def band_camera(camera: Camera, size: tuple[int, int], top: int, rows: int) -> C
     share = rows / size[1]
     x, y = camera.principal_point
     offset = top + rows / 2 - size[1] * y  # from the principal point down to the middle of the band, in pixels
+    # The film of a pinhole camera is flat, so that a part of it is the film of a camera with a smaller field of view
+    # whose principal point is elsewhere; the jitter carries that offset.
     return dataclasses.replace(
         camera,
         vertical_fov=2 * math.atan(share * math.tan(camera.vertical_fov / 2)),

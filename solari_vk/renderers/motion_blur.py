@@ -65,6 +65,7 @@ class PosedCameras:
         if not isinstance(posed, Camera) or posed is camera:
             return camera
         metered = self._metered
+        # A new object begins with its default exposure, though it is the same camera at another time.
         if posed.auto_exposure and metered is not None and posed is not metered:
             posed.update(ev100=metered.ev100, auto_exposure=metered.auto_exposure)
         return posed

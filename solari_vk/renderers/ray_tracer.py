@@ -168,6 +168,7 @@ class RayTracer(Hints):
                 external |= {ECHOES: self._buffers[ECHOES], **tables}
             name = "ray_tracer/backscatter" if echoes else "ray_tracer/trace"
             trace = Pass(name, threads=BATCH, constants={"any_hit": any_hit})
+            # The host reads the hits where they are: a barrier makes them visible to it.
             to_host = Step("hits to the host", lambda cmd: vk.vkCmdPipelineBarrier2(cmd, host_read_barrier()))
             stage = Stage("ray tracer", passes=[trace, to_host])
             frame = SceneFrame(self.device, self.binder, [stage], external=external)
@@ -208,6 +209,7 @@ def _host_type(element: Any) -> np.dtype[Any]:
     """A shader's type as users see it: indices are signed, so that -1 means none, and front_face is a bool."""
     if element.names is None:
         return np.dtype((element.base, element.shape))
+    # The shader's 2^32 - 1 for "none" is -1 in the same bits, and its 0 or 1 is a bool in the lowest byte.
     types = {"instance": "<i4", "primitive": "<i4", "front_face": "?"}
     fields = element.fields
     described: np.dtype[Any] = np.dtype(

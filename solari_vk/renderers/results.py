@@ -81,6 +81,7 @@ class RenderedFrame(Hints):
     def __getitem__(self, name: str) -> NDArray[Any]:
         renderer = self._renderer
         renderer.check_latest(self, name)
+        # Words that people try first, and that could mean either of two results.
         if name in ("picture", "image"):
             raise SolariError(f"frames have no result '{name}': image() is the picture in 8 bits, 'radiance' in cd/m^2")
         if name in FIRST_HITS:
@@ -167,6 +168,7 @@ class RenderedFrame(Hints):
     def _named(self, name: str) -> list[Instance]:
         """The instances of an object of several parts, or else all of that name."""
         instances = list(self.instances.values())
+        # The name of an object counts before that of an instance, which may be one of its parts.
         found = [other for other in instances if other.part_of == name] if name else []
         found = found or [other for other in instances if other.name == name]
         if not found and name in self.labels.values():
@@ -283,6 +285,7 @@ class RenderedFrame(Hints):
     def _misexposed(self, radiance: NDArray[Any], factor: float, curve: str) -> str:
         """Whether surfaces that don't emit are too "bright" or too "dark" in the picture; "" if neither."""
         codes = encode_picture(radiance, exposure=factor, curve=curve)
+        # Most pictures are well exposed as a whole, and need no first hits.
         if not misexposed(codes):
             return ""
         surfaces = np.isfinite(self["depth"])
@@ -297,6 +300,7 @@ class RenderedFrame(Hints):
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")
                 factor = self._exposure_factor(radiance, None, self._renderer.tonemap)
+            # The inverse of exposure_of.
             self.camera.ev100 = -math.log2(1.2 * factor)
 
     def _repr_png_(self) -> bytes:

@@ -25,7 +25,9 @@ class SampleCounts:
     """
 
     def __init__(self, frame: Frame, size: tuple[int, int], read: Callable[[str], NDArray[Any]]) -> None:
-        self._frame, self._size, self._read = frame, size, read
+        self._frame = frame
+        self._size = size
+        self._read = read
         self.denoises = False
         self.begin()
 
@@ -43,6 +45,7 @@ class SampleCounts:
         self._begin_estimating()
 
     def _begin_estimating(self) -> None:
+        # Denoised pictures of very few samples say little about those of more.
         self._estimate = ErrorEstimate(max(FIRST_DENOISED_LOOK if self.denoises else 1, self.samples))
 
     def aim(self, target: float | None, denoises: bool, limit: int | None = None) -> None:

@@ -51,6 +51,7 @@ class DeviceOptions:
 
 def pack(scene: Scene) -> tuple[str, bytes]:
     """A scene as bytes, and the first 16 digits of their SHA-256, which equal scenes share."""
+    # Protocol 5 stores arrays as they are in memory.
     data = pickle.dumps(scene, protocol=5)
     return hashlib.sha256(data).hexdigest()[:16], data
 
@@ -87,6 +88,7 @@ class DeviceSession:
 
     def path_tracer(self, size: tuple[int, int], max_bounces: int, seed: int, first_sample: int = 0) -> PathTracer:
         """A path tracer without samples. The one of earlier jobs is resized if it fits otherwise."""
+        # Assigning a seed or a first sample discards the samples of earlier jobs.
         tracer = self._renderer(PathTracer, max_bounces, size=size, max_bounces=max_bounces)
         tracer.seed = seed
         tracer.first_sample = first_sample
@@ -122,6 +124,7 @@ class DeviceSession:
 
     def free_scene(self) -> None:
         """Free the scene and the renderers."""
+        # All are freed by `_owned`, in the opposite order of their making: the binder last, which the others use.
         self._scene_key = ""
         self._ray_tracer = None
         self._renderers.clear()

@@ -63,6 +63,7 @@ class Chunk:
 
     def perform(self, session: DeviceSession) -> ChunkResult:
         """Trace the samples."""
+        # The samples of all chunks are points of one low-discrepancy sequence, of which each has its own section.
         tracer = session.path_tracer(self.size, self.max_bounces, self.seed, self.first_sample)
         frame = tracer.render(self.camera, self.samples)
         width, height = self.size
@@ -231,6 +232,7 @@ def _add_chunks(picture: ReferencePicture, estimate: ErrorEstimate, target_error
 
 def _chunks(first: Chunk, samples: int | None) -> Iterator[Chunk]:
     """All chunks of a picture, endless without a number of samples."""
+    # Further results are the same for all samples, so only the first chunk brings them.
     yield first
     other = dataclasses.replace(first, names=(), guided=False)
     for index in itertools.count(1):

@@ -39,7 +39,7 @@ def perform(wanted: Identity, options: DeviceOptions, key: str, scene: bytes, jo
             _close_session()  # a device that failed is of no use: the next job opens it anew
             raise
         finally:
-            session.device.check_messages()
+            session.device.check_messages()  # errors of validation, if it is on, end the job that caused them
 
 
 def _session(options: DeviceOptions) -> DeviceSession:

@@ -142,6 +142,7 @@ class WorkerPool:
 
         with ExitStack() as opened:
             target = self._address
+            # Dask takes long to import, so modules that need it are imported when a pool is opened.
             if self._local_count is not None:
                 from solari_vk.renderers.cluster.local import local_cluster
 
@@ -149,6 +150,7 @@ class WorkerPool:
                     target = opened.enter_context(local_cluster(self._local_count, self._device_options))
                 except RuntimeError as error:
                     raise SolariError(f"no worker can start: {error} {GUARD}") from None
+            # Results of workers on this machine don't go through the scheduler; others may not be reachable from here.
             options = {"set_as_default": False, "direct_to_workers": self.shares_files, "timeout": CONNECT_SECONDS}
             try:
                 self.client: Any = opened.enter_context(closing(self._distributed.Client(target, **options)))
@@ -215,21 +217,20 @@ class WorkerPool:
         try:
             while True:
                 self._workers.poll()
-                accepted = self._workers.accepted
                 again.extend(self._recall_stranded(out))
-                while len(out) < JOBS_OF_WORKER * len(accepted):
+                while len(out) < JOBS_OF_WORKER * self.worker_count:
+                    # Jobs that have been tried come first, so that their results aren't waited for at the very end.
                     task = again.popleft() if again else next(source, None)
                     if task is None:
                         break
-                    future = self._send(task, key, scene_there)
-                    out[future] = task
-                    future.add_done_callback(self._finished.put)
-                if accepted:
+                    out[self._send(task, key, scene_there)] = task
+                if self.worker_count:
                     last_worker = time.monotonic()
                     if not out:
                         return
                 elif self._local_count is not None and time.monotonic() - last_worker > GIVE_UP_SECONDS:
                     raise self._no_worker()
+                # A future may be an answer of a new worker, or of a job that was cancelled meanwhile.
                 future = self._next_finished()
                 if future is None:
                     yield None
@@ -273,7 +274,8 @@ class WorkerPool:
 
         self._submissions += 1
         task.workers = frozenset(self._workers.accepted)
-        return self.client.submit(
+        # Each submission has a key of its own: dask takes equal keys for one task, and returns an earlier result.
+        future = self.client.submit(
             perform,
             self.identity,
             self._device_options,
@@ -284,6 +286,8 @@ class WorkerPool:
             key=f"solari_vk-{self.client.id}-{self._submissions}",
             workers=list(task.workers),
         )
+        future.add_done_callback(self._finished.put)
+        return future
 
     def _succeeded(self, future: Any, task: _Task) -> bool:
         """Whether a job is done; False if it is to be tried again. Raises SolariError if it failed for good."""
@@ -298,8 +302,10 @@ class WorkerPool:
         if isinstance(error, UnfitWorkerError):  # another process has taken the address of one that was accepted
             self._workers.refuse(*error.args)
             return False
+        # Dask has given the job to several workers, each of which ended: as a driver that crashes on it does.
         if isinstance(error, self._distributed.KilledWorker):
             raise SolariError(f"{task.job.name} ended every worker that tried it: {error}")
+        # A device may be lost by no fault of the job, and the worker opens it anew.
         task.tries += 1
         if isinstance(error, DeviceError) and task.tries <= TRIES:
             self._say(f"{task.job.name} is tried again: {error}")
@@ -311,6 +317,7 @@ class WorkerPool:
     def _result(self, future: Any) -> Any:
         try:
             return future.result()
+        # The result is fetched from the worker only now, which may have ended since it was done.
         except (OSError, self._distributed.CancelledError) as error:
             self._workers.check_scheduler()
             raise SolariError(f"a result was lost on its way: {error}") from None

@@ -61,6 +61,7 @@ class Workers:
         # A refused worker isn't asked again, although another process may have taken its address since.
         known = {*self.accepted, *self.refused, *self._candidates, *self._asked.values()}
         for address in connected - known:
+            # pure=False: the answer of one worker isn't that of another, though the arguments are equal.
             future = self._client.submit(identify, self._device_options, workers=[address], pure=False)
             self._asked[future] = address
             future.add_done_callback(self._finished.put)
@@ -70,6 +71,7 @@ class Workers:
         self.check_scheduler()
         try:
             return set(self._client.nthreads())
+        # Dask raises any of these, by what it was doing when the connection broke.
         except (OSError, ValueError, TimeoutError, CommClosedError):
             raise self._gone() from None
 
