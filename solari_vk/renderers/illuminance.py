@@ -119,8 +119,9 @@ class _PointTracer(PathTracer):
 def _broadcast(points: ArrayLike, normals: ArrayLike) -> tuple[tuple[int, ...], NDArray[Any], NDArray[Any]]:
     """The shape of the result, and points and unit normals as arrays (N, 3)."""
     arrays = {}
-    for name, given in {"points": points, "normals": normals}.items():
-        arrays[name] = array = numbers(given, f"illuminance: {name}").astype(np.float64)
+    for name, argument in {"points": points, "normals": normals}.items():
+        array = numbers(argument, f"illuminance: {name}").astype(np.float64)
+        arrays[name] = array
         if array.shape[-1:] != (3,):
             raise SolariError(f"illuminance: the shape of {name} is {array.shape}, not (..., 3)")
         if not np.isfinite(array).all():

@@ -174,7 +174,7 @@ class PathTracer(RendererBase):
         self._frame.check_open()
         camera = self._camera_or_default(camera)
         exposes = shutter is not None or pose is not None
-        self._check_aim(samples, target_error, exposes, denoise)
+        self._check_request(samples, target_error, exposes, denoise)
         started = time.perf_counter()
 
         def is_late() -> bool:
@@ -186,11 +186,11 @@ class PathTracer(RendererBase):
         # Before the target is known, so that all pixels have equally many samples when the first error is estimated.
         if self.begun[0]:
             self._add_samples(0)  # the rest of what `advance` has begun
-        self._sample_counts.aim(target_error, denoise, samples)
+        self._sample_counts.set_target(target_error, denoise, samples)
         self._warn_of_darkness()
         if denoise:
             self.read_guides()  # now, because the scene may be edited before the picture is read
-        while wanted := self._sample_counts.wanted(samples):
+        while wanted := self._sample_counts.samples_to_take(samples):
             self.advance(camera, wanted)
             if progress is not None:
                 progress(self.samples)
@@ -200,8 +200,8 @@ class PathTracer(RendererBase):
         self._latest.camera = camera  # another one, perhaps with another exposure, where no sample was missing
         return self._finish(self._latest)
 
-    def _check_aim(self, samples: Any, target_error: Any, exposes: bool, denoise: bool) -> None:
-        """Raise SolariError for what no picture can aim at."""
+    def _check_request(self, samples: Any, target_error: Any, exposes: bool, denoise: bool) -> None:
+        """Raise SolariError for a number of samples or a target that no picture can have."""
         if not isinstance(samples, int) or samples < 1:
             raise SolariError(f"PathTracer.render: samples must be a whole number from 1 on, not {quoted(samples)}")
         if target_error is not None and not (isinstance(target_error, (int, float)) and target_error >= 0):
@@ -265,7 +265,7 @@ class PathTracer(RendererBase):
                 submission = self._frame.submit()
                 self._dispatch.record(submission, count, rows)
         if below == self.size[1]:
-            self._sample_counts.add(end - self._sample_counts.first)
+            self._sample_counts.record_samples(end - self._sample_counts.first)
         return submission
 
     def _adapt_dispatches(self) -> None:
@@ -290,7 +290,7 @@ class PathTracer(RendererBase):
         """A new picture whose samples show the scene at the times of an exposure; the scene stays as in its middle.
 
         What `progress` raises ends the exposure and is raised again, with the picture so far as the latest."""
-        self._sample_counts.aim(None, denoise)
+        self._sample_counts.set_target(None, denoise)
         pose = checked_pose(self.binder.scene, shutter, pose, type(self).__name__)
         guides: list[NDArray[Any]] = []
         submission = 0

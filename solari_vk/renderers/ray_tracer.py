@@ -158,7 +158,7 @@ class RayTracer(Hints):
 
     def frame(self, any_hit: bool, echoes: bool = False) -> SceneFrame:
         """The frame that traces a batch of the rays in the buffers."""
-        if (any_hit, echoes) not in self._frames:  # each way is compiled when it is first asked for
+        if (any_hit, echoes) not in self._frames:  # each variant is compiled when it is first asked for
             vk = self.device.vk
             external: dict[str, Any] = {**self._buffers, **self._orders.buffers}
             if echoes:
@@ -227,8 +227,8 @@ def _broadcast(
     who: str, origins: ArrayLike, directions: ArrayLike, t_min: ArrayLike, t_max: ArrayLike
 ) -> tuple[tuple[int, ...], dict[str, NDArray[Any]]]:
     """The shape of the rays, and the shader's inputs as arrays (N, 3) and (N)."""
-    given = {"origins": origins, "directions": directions, "t_min": t_min, "t_max": t_max}
-    arrays = {name: numbers(values, f"{who}: {name}") for name, values in given.items()}
+    arguments = {"origins": origins, "directions": directions, "t_min": t_min, "t_max": t_max}
+    arrays = {name: numbers(values, f"{who}: {name}") for name, values in arguments.items()}
     for name in ("origins", "directions"):
         if arrays[name].shape[-1:] != (3,):
             raise SolariError(f"{who}: the shape of {name} is {arrays[name].shape}, not (..., 3)")

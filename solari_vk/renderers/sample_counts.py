@@ -48,9 +48,9 @@ class SampleCounts:
         # Denoised pictures of very few samples say little about those of more.
         self._estimate = ErrorEstimate(max(FIRST_DENOISED_LOOK if self.denoises else 1, self.samples))
 
-    def aim(self, target: float | None, denoises: bool, limit: int | None = None) -> None:
+    def set_target(self, target: float | None, denoises: bool, limit: int | None = None) -> None:
         """Set the error that is wanted from now on, None for no estimates, and whether it is that of denoised pictures;
-        warn if there are more samples than the limit that will be given to `wanted`.
+        warn if there are more samples than the limit that will be given to `samples_to_take`.
 
         Only pictures that aren't denoised, with a target above 0, have pixels with different numbers of samples.
         """
@@ -71,19 +71,14 @@ class SampleCounts:
             self._plan.begin_even_pass()
             self._write_ranges(self._plan)
 
-    def wanted(self, limit: int) -> int:
+    def samples_to_take(self, limit: int) -> int:
         """The samples per pixel up to the next estimate of the error; 0 when the picture is done, or has `limit`."""
-        adapts = bool(self._target) and not self.denoises
-        if self._plan is not None and not self._plan.remaining and not adapts:
-            self._begin_evenly()
+        if self._plan is not None and not self._plan.remaining:
+            if self._target and not self.denoises:
+                self._plan_pass(self._plan, limit, self._target)
+            else:  # the pass after which all pixels have the same number is done
+                self._begin_evenly()
         if self._plan is not None:
-            if not self._plan.remaining:
-                # Rays count what samples of a pixel cost, and the plan spends them where they lower the error most.
-                if self.samples:
-                    rays = self._frame["ray_count"].reshape(self._size[::-1])
-                    self._plan.estimate_error(self._read("raw_radiance"), rays)
-                self._plan.begin_pass_towards(self._target or 0.0, limit)
-                self._write_ranges(self._plan)
             return self._plan.remaining
         if self._target is None:
             return max(limit - self.samples, 0)
@@ -91,11 +86,19 @@ class SampleCounts:
             return 0
         return max(min(limit, self._estimate.next_count) - self.samples, 0)
 
+    def _plan_pass(self, plan: SamplePlan, limit: int, target: float) -> None:
+        """Choose how many samples each pixel takes next, where they lower the error most."""
+        if self.samples:
+            costs = self._frame["ray_count"].reshape(self._size[::-1])  # a sample costs as much as its rays
+            plan.estimate_error(self._read("raw_radiance"), costs)
+        plan.begin_pass_towards(target, limit)
+        self._write_ranges(plan)
+
     def demand_more(self) -> None:
         """Have all pixels take more samples, whatever the error is."""
         if self._plan is not None and not self._plan.remaining:
-            self.aim(None, self.denoises)
-            self.wanted(0)
+            self.set_target(None, self.denoises)
+            self.samples_to_take(0)
 
     @property
     def is_uneven(self) -> bool:
@@ -111,7 +114,7 @@ class SampleCounts:
         """The number of the next sample, which the shader counts from."""
         return self.samples if self._plan is None else self._plan.traced
 
-    def add(self, count: int) -> None:
+    def record_samples(self, count: int) -> None:
         """Count samples that pixels have taken."""
         if self._plan is None:
             self.samples += count
