@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from solari_vk.base.errors import SolariError, quoted
 from solari_vk.bound.projection import FIELDS, Projection
-from solari_vk.gpu.frame.packing import packing
+from solari_vk.gpu.frame.uniforms import packing
 from solari_vk.gpu.tensors.imports import DeviceTensor
 from solari_vk.scene import checks
 from solari_vk.scene.camera import exposure_of

@@ -15,7 +15,7 @@ from solari_vk.gpu.device.barriers import full_barrier
 from solari_vk.gpu.device.buffer import Buffer
 from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.device.uploads import Uploads
-from solari_vk.gpu.frame.packing import packing
+from solari_vk.gpu.frame.uniforms import packing
 
 Key = TypeVar("Key", bound=Hashable)
 _MOST_INLINE = 1 << 16  # bytes that vkCmdUpdateBuffer takes at most

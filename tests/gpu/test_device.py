@@ -15,9 +15,9 @@ from solari_vk.base.errors import DeviceError, SolariError, ValidationError
 from solari_vk.gpu.device import physical, raw, software
 from solari_vk.gpu.device.barriers import full_barrier
 from solari_vk.gpu.device.buffer import Buffer
+from solari_vk.gpu.device.commands import Recorded
 from solari_vk.gpu.device.device import Device, list_devices
 from solari_vk.gpu.device.instance import Instance
-from solari_vk.gpu.device.recorded import Recorded
 
 
 def nothing(_: raw.CData) -> None:

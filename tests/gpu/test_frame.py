@@ -10,7 +10,7 @@ from support.frames import leaves_nothing
 
 from solari_vk.base.errors import SolariError, ValidationError
 from solari_vk.gpu.device import raw
-from solari_vk.gpu.device.recorded import Recorded
+from solari_vk.gpu.device.commands import Recorded
 from solari_vk.gpu.frame import slot
 from solari_vk.gpu.frame.frame import Aliased, Frame, History, IfUsed, Pass, Stage, Step
 from solari_vk.gpu.frame.in_parts import Interrupted

@@ -20,7 +20,7 @@ from solari_vk.base import disk_cache
 from solari_vk.base.errors import DeviceError
 from solari_vk.gpu.device import pipeline_cache, raw
 from solari_vk.gpu.device.device import Device
-from solari_vk.gpu.device.kept import Kept
+from solari_vk.gpu.device.shared_objects import SharedObjects
 from solari_vk.gpu.frame import compile_ahead, pipelines
 from solari_vk.gpu.frame.frame import Frame, Pass, RayPass, Stage
 from solari_vk.gpu.frame.interface import shared_layout
@@ -175,7 +175,7 @@ def test_pipelines_stay_for_the_next_frame(own_device, stage, shaders, monkeypat
         assert results(own_device, stage, shaders) == EXPECTED
         return len(created)
 
-    own_device.pipelines = Kept(limit=COUNT)
+    own_device.pipelines = SharedObjects(limit=COUNT)
     watch(own_device, monkeypatch, create)
     name = COUNT - 1
     alone = Stage("alone", buffers={f"out_{name}": 1}, passes=[Pass(f"write_{name}", threads=1)])

@@ -9,7 +9,7 @@ from shader_folder import ShaderFolder, check_spirv
 from support.seeded_bugs import Bug, seeded
 
 from solari_vk.base.errors import CompilationError, SolariError
-from solari_vk.gpu.shaders import ray_generation, shaderc
+from solari_vk.gpu.shaders import ray_generation, shaderc, spv
 from solari_vk.gpu.shaders.compiler import compile_shader, glsl_root
 from solari_vk.gpu.shaders.spirv import reflect
 
@@ -49,7 +49,7 @@ def module(shaders: ShaderFolder, body: str, name: str = "passes/x.comp", start:
 def traced_flags(spirv: bytes) -> set[int | None]:
     """The flags of all rays that a module traces in scenes without features; None for flags that are no constant."""
     constants, found = {}, set()
-    for words in ray_generation.instructions(spirv):
+    for words in spv.instructions(spirv):
         if words[0] == 4 << 16 | 43:  # OpConstant of one word
             constants[int(words[2])] = int(words[3])
         if words[0] & 0xFFFF == SPEC_CONSTANT_FALSE:

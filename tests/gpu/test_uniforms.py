@@ -10,8 +10,7 @@ import pytest
 
 from solari_vk.base.errors import SolariError
 from solari_vk.gpu.frame.frame import Frame, Pass, Stage
-from solari_vk.gpu.frame.packing import packing
-from solari_vk.gpu.frame.uniforms import Uniforms
+from solari_vk.gpu.frame.uniforms import Uniforms, packing
 
 ONE = np.dtype([("scale", "f4"), ("place", "f4", (3,)), ("count", "u4")])
 TWO = np.dtype([("count", "u4"), ("matrix", "f4", (4, 3))])

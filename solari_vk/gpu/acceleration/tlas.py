@@ -14,8 +14,8 @@ from solari_vk.gpu.acceleration.checks import whole_number
 from solari_vk.gpu.acceleration.structure import BuildOptions, Structure, clock, make_scratch
 from solari_vk.gpu.device import raw
 from solari_vk.gpu.device.barriers import full_barrier
+from solari_vk.gpu.device.commands import Recorded
 from solari_vk.gpu.device.device import Device
-from solari_vk.gpu.device.recorded import Recorded
 
 # VkAccelerationStructureInstanceKHR: twice a 24-bit number in the low bits with an 8-bit one above it.
 INSTANCE_DTYPE = np.dtype(

@@ -158,7 +158,8 @@ class Allocator:
 
     def _allocate(self, pool: Pool, size: int, alignment: int, name: str) -> Allocation:
         for block in pool.blocks:
-            if (offset := block.take(size, alignment)) is not None:
+            offset = block.take(size, alignment)
+            if offset is not None:
                 return Allocation(block, offset, size)
         # What is large beside all that is reserved gets a block of its own, which leaves nothing over. Shared blocks
         # grow by half of what they hold already. So little is left over, and there are few blocks.

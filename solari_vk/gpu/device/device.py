@@ -13,17 +13,17 @@ from solari_vk.gpu.device.compile_notes import CompileNotes
 from solari_vk.gpu.device.compiling import OnCompile
 from solari_vk.gpu.device.image import Image
 from solari_vk.gpu.device.instance import Instance
-from solari_vk.gpu.device.kept import Kept
 from solari_vk.gpu.device.logical import asked_for
 from solari_vk.gpu.device.physical import DeviceReport, choose
 from solari_vk.gpu.device.pipeline_cache import PipelineCache
 from solari_vk.gpu.device.sampler import Sampler
+from solari_vk.gpu.device.shared_objects import SharedObjects
 from solari_vk.gpu.device.uploads import StagingPool, Uploads
 from solari_vk.gpu.device.work_queue import WorkQueue
 from solari_vk.gpu.tensors.exports import TensorExports
 from solari_vk.gpu.tensors.imports import TensorImports
 
-_KEPT_PIPELINES = 256  # a realtime frame has about 40
+_UNUSED_PIPELINES = 256  # a realtime frame has about 40
 
 
 class Device(WorkQueue):
@@ -66,7 +66,7 @@ class Device(WorkQueue):
         self.memory = Allocator(self, map_device_memory=not self.staging)
         self.staging_pool = StagingPool(self.memory)
         self._samplers: dict[tuple[Any, ...], Sampler] = {}
-        self.pipelines: Kept[Any] = Kept(_KEPT_PIPELINES)
+        self.pipelines: SharedObjects[Any] = SharedObjects(_UNUSED_PIPELINES)
 
     def buffer(self, size_bytes: int, name: str, **options: Any) -> Buffer:
         """A new `Buffer`; options are its keyword arguments."""

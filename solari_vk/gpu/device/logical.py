@@ -56,7 +56,9 @@ class LogicalDevice:
         try:
             devices = self._instance.devices()
             chosen = choose(devices, wanted, self.rays)
-            if wanted is None and (reason := why_software(devices, chosen, self.rays)):
+            # Whoever named a device wants that one, and needs no advice.
+            reason = why_software(devices, chosen, self.rays) if wanted is None else ""
+            if reason:
                 warn(reason)
             self._open(chosen)
         except BaseException:

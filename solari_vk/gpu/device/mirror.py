@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from solari_vk.gpu.device import raw
 from solari_vk.gpu.device.barriers import full_barrier
 from solari_vk.gpu.device.buffer import Buffer
+from solari_vk.gpu.device.commands import Recorded
 from solari_vk.gpu.device.device import Device
-from solari_vk.gpu.device.recorded import Recorded
 
 
 class Mirror:

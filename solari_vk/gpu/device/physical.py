@@ -134,6 +134,7 @@ class PhysicalDevice:
         acceleration = raw.struct("VkPhysicalDeviceAccelerationStructurePropertiesKHR")
         ray_pipelines = raw.struct("VkPhysicalDeviceRayTracingPipelinePropertiesKHR")
         last = None
+        # The structure of an extension may be in the chain only if the device has the extension.
         for extension, structure in (
             ("VK_KHR_acceleration_structure", acceleration),
             (RAYS["pipeline"], ray_pipelines),
@@ -168,6 +169,7 @@ class PhysicalDevice:
     def _find_queue_family(self, vk: raw.Functions) -> tuple[int, int]:
         """Index and timestamp bits of the first queue family for graphics and compute; (-1, 0) if there is none."""
         wanted = raw.VK_QUEUE_GRAPHICS_BIT | raw.VK_QUEUE_COMPUTE_BIT
+        # One family for all work: draws for the raster G-buffer, dispatches, and transfers, which both imply.
         families = raw.enumerate_items(
             vk.vkGetPhysicalDeviceQueueFamilyProperties, "VkQueueFamilyProperties", self.handle
         )
@@ -202,8 +204,9 @@ class PhysicalDevice:
     def _lacks_in_any_way(self) -> list[str]:
         """What it lacks besides a way to trace rays."""
         missing = []
-        if (version := self.properties.api_version) < (1, 3):
-            missing.append(f"Vulkan 1.3 (it has {version[0]}.{version[1]}.{version[2]})")
+        major, minor, patch = self.properties.api_version
+        if (major, minor) < (1, 3):
+            missing.append(f"Vulkan 1.3 (it has {major}.{minor}.{patch})")
         missing += self._lacks_of([*REQUIRED_EXTENSIONS, *(group for group in _STRUCTURES if group[:2] != "VK")])
         if self.queue_family < 0:
             missing.append("a queue for graphics and compute")
@@ -279,15 +282,17 @@ def _matching(devices: list[PhysicalDevice], select: str) -> list[PhysicalDevice
     by_uuid = [d for d in devices if d.properties.uuid.replace("-", "") == wanted.replace("-", "")]
     if by_uuid or not select:
         return by_uuid
-    if wanted in ("cpu", "gpu"):  # kinds: names may have these words too
+    if wanted in ("cpu", "gpu"):  # kinds before names, which may have these words too
         return [device for device in devices if device.properties.kind.endswith(wanted)]
+    # An index before names: a name may have digits, such as "4090".
     by_index = [device for device in devices if select == str(device.index)]
     return by_index or [device for device in devices if wanted in device.properties.name.lower()]
 
 
 def _describe(devices: list[PhysicalDevice], rays: str) -> str:
-    return "\n".join(
-        f"  {d.index}: {d.properties.name} ({d.properties.uuid}): "
-        + (f"lacks {', '.join(missing)}" if (missing := d.lacks(rays)) else "fits")
-        for d in devices
-    )
+    lines = []
+    for device in devices:
+        missing = device.lacks(rays)
+        verdict = f"lacks {', '.join(missing)}" if missing else "fits"
+        lines.append(f"  {device.index}: {device.properties.name} ({device.properties.uuid}): {verdict}")
+    return "\n".join(lines)

@@ -28,6 +28,7 @@ class WorkQueue(GatheringDevice):
         self._owned: dict[int, Callable[[], None]] = {}
         self._next_token = 0
         self._shared: set[int] = set()
+        # Timeline values and what to call when the timeline has reached them; values never fall.
         self._retired: deque[tuple[int, Callable[[], None]]] = deque()
         self._collecting = False
         self.loans = Loans()
@@ -79,6 +80,7 @@ class WorkQueue(GatheringDevice):
         They run after the commands of all earlier calls of `before_next_submit`.
         """
         self.flush()
+        # Asked for again, they move behind what was asked for meanwhile.
         self._with_next.pop(commands, None)
         self._with_next[commands] = None
 
@@ -110,23 +112,26 @@ class WorkQueue(GatheringDevice):
 
     def flush(self) -> None:
         """Submit now what waits for the next submission because of `before_next_submit`."""
-        if records := self._before_next:
-            self._before_next, submitted = [], self.submitted
+        records = self._before_next
+        if not records:
+            return
+        submitted = self.submitted
+        self._before_next = []  # `record` may ask for more, which wait for the submission after this one
 
-            def record_all(cmd: raw.CData) -> None:
-                for i, record in enumerate(records):
-                    try:
-                        record(cmd)
-                    except BaseException:
-                        del records[i]
-                        raise
+        def record_all(cmd: raw.CData) -> None:
+            for i, record in enumerate(records):
+                try:
+                    record(cmd)
+                except BaseException:
+                    del records[i]  # what raised isn't tried again
+                    raise
 
-            try:
-                self._start(record_all, "prepare resources")
-            except BaseException:
-                if self.submitted == submitted:  # the others still wait for the next submission
-                    self._before_next = records + self._before_next
-                raise
+        try:
+            self._start(record_all, "prepare resources")
+        except BaseException:
+            if self.submitted == submitted:  # the others still wait for the next submission
+                self._before_next = records + self._before_next
+            raise
 
     def start(self, record: Callable[[raw.CData], None], name: str = "") -> int:
         """Record one-time commands and submit them without waiting; returns the timeline value of their completion."""
@@ -167,6 +172,7 @@ class WorkQueue(GatheringDevice):
     @property
     def completed(self) -> int:
         """The timeline's value: all submissions up to it are done."""
+        # Asking the driver takes longer than all else here: not once everything is known to be done.
         if self._completed < self.submitted:
             self.vk.vkGetSemaphoreCounterValue(self.handle, self.timeline, self._counter)
             self._completed = self._counter[0]
@@ -208,6 +214,7 @@ class WorkQueue(GatheringDevice):
         if self._completed < value:
             self._hand_over()
             self._wait_value[0] = value
+            # vkWaitSemaphores returns VK_TIMEOUT at the end of a slice, which is no error.
             while self.vk.vkWaitSemaphores(self.handle, self._wait_info, _WAIT_SLICE) != raw.VK_SUCCESS:
                 self._check_late()
             self._completed = value
@@ -285,7 +292,10 @@ class WorkQueue(GatheringDevice):
             return  # it is the parent's to destroy
         if self.closed:
             raise DeviceError(f"{self.name} {self.closed_how}")
-        self._retired.append((self.submitted + bool(self._with_next or self._before_next), destroy))
+        # What waits for the next submission may use the object too: its commands are recorded, not submitted.
+        is_used_by_next = bool(self._with_next or self._before_next)
+        last_use = self.submitted + 1 if is_used_by_next else self.submitted
+        self._retired.append((last_use, destroy))
         self.collect()
 
     def collect(self) -> None:
@@ -303,6 +313,7 @@ class WorkQueue(GatheringDevice):
 
     def _finish(self) -> None:
         """Wait for all work, for a lost device at most a second, and destroy everything that is left."""
+        # The function of the driver, not that of `vk`, which raises DeviceError on a lost device.
         wait = raw.ffi.cast("PFN_vkWaitSemaphores", raw.lib.vkGetDeviceProcAddr(self.handle, b"vkWaitSemaphores"))
         self._wait_value[0] = self.submitted
         waited = 0
@@ -311,6 +322,7 @@ class WorkQueue(GatheringDevice):
             with suppress(DeviceError):
                 self._check_late()
         self.loans.collect()  # what a last view's end gives back
+        # In reverse order of creation: an object may depend on earlier ones, such as a view on its image.
         retired = [destroy for _, destroy in self._retired]
         for destroy in [*retired, *reversed(self._owned.values())]:
             destroy()

@@ -14,8 +14,8 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from solari_vk.gpu.device import raw
+from solari_vk.gpu.device.commands import Recorded
 from solari_vk.gpu.device.device import Device
-from solari_vk.gpu.device.recorded import Recorded
 from solari_vk.gpu.frame.descriptors import DescriptorSets
 from solari_vk.gpu.frame.interface import Interface
 from solari_vk.gpu.frame.pipelines import Pipeline, Pipelines
@@ -63,7 +63,7 @@ def compiling_ahead(
         with lock:
             if not waiting:
                 return None
-            found = waiting.pop()
+            found = waiting.pop()  # from the end: the frame's own device begins at the start
             taken[found] = threading.Event()
             return found
 
@@ -72,15 +72,18 @@ def compiling_ahead(
         try:
             with Device(device.properties.uuid, validation=False, rays=device.rays, on_compile=None) as other:
                 same = Interface(other, modules, interface.laid_out)
-                sets, users = DescriptorSets(same, counts), Pipelines(other)
-                while (made := take()) is not None:
+                sets = DescriptorSets(same, counts)
+                users = Pipelines(other)
+                made = take()
+                while made is not None:
                     _run_once(users, same, sets, made)
                     taken[made].set()
+                    made = take()
         except Exception:  # the frame's own device compiles the rest, and raises what it meets
             pass
         finally:
             if made is not None:
-                taken[made].set()
+                taken[made].set()  # else the frame would wait for ever for what failed here
 
     def wait_for(pipeline: Pipeline) -> None:
         with lock:

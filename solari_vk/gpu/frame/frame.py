@@ -21,10 +21,9 @@ import numpy as np
 from solari_vk.base.errors import SolariError, checked_keywords
 from solari_vk.gpu.device import raw
 from solari_vk.gpu.device.barriers import full_barrier
-from solari_vk.gpu.device.command_pool import CommandPool
+from solari_vk.gpu.device.commands import CommandPool, Recorded
 from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.device.image import Image
-from solari_vk.gpu.device.recorded import Recorded
 from solari_vk.gpu.frame.hazards import plan_barriers
 from solari_vk.gpu.frame.in_parts import InParts
 from solari_vk.gpu.frame.program import Program, ProgramBuilder

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 from solari_vk.gpu.device import raw
+from solari_vk.gpu.device.commands import Recorded
 from solari_vk.gpu.device.device import Device
-from solari_vk.gpu.device.recorded import Recorded
 from solari_vk.gpu.frame.slot import Slot
 
 

@@ -74,8 +74,8 @@ class Pipelines:
 
     def __init__(self, device: Device) -> None:
         self._device = device
-        self._kept = device.pipelines
-        self._taken: dict[PipelineKey, Pipeline] = {}
+        self._shared = device.pipelines
+        self._acquired: dict[PipelineKey, Pipeline] = {}
         self._addresses: dict[PipelineKey, tuple[str, ...]] = {}
 
     def make(self, wanted: Sequence[PipelineInfo], interface: Interface) -> list[tuple[PipelineKey, Pipeline]]:
@@ -90,25 +90,46 @@ class Pipelines:
             for item in wanted:
                 specializations, values = _specializations(item.name, item.modules, item.constants)
                 digests = tuple(hashlib.sha256(module.spirv).digest() for module in item.modules)
-                keys.append(key := (digests, item.kind, tuple(sorted(values.items())), interface.key))
-                if key not in self._taken and (known := self._kept.take(key)) is not None:
-                    self._taken[key] = known
-                if key not in self._taken and key not in missing:
-                    modules = list(item.modules)
-                    for at, module in enumerate(modules):
-                        if self._device.properties.kind == "cpu" and has_many_switches(module):
-                            modules[at], specializations[at] = specialized(module, item.constants), None
-                    codes = [module.spirv for module in modules]
-                    if item.kind is None:
-                        codes[0], self._addresses[key] = interface.addressed(modules[0])
-                    linked = map(interface.linked, modules, codes)
-                    stages = [
-                        self._stage(shaders, item.name, module, code, specialization)
-                        for module, code, specialization in zip(item.modules, linked, specializations, strict=True)
-                    ]
+                key = (digests, item.kind, tuple(sorted(values.items())), interface.key)
+                keys.append(key)
+                if not self._acquire(key) and key not in missing:
+                    stages = self._stages(shaders, key, item, specializations, interface)
                     missing[key] = item, self._creation(stages, item.kind, layout)
             self._create(missing)
-        return [(key, self._taken[key]) for key in keys]
+        return [(key, self._acquired[key]) for key in keys]
+
+    def _acquire(self, key: PipelineKey) -> bool:
+        """Use a pipeline that the device has, if it has one with this key."""
+        if key not in self._acquired:
+            known = self._shared.acquire(key)
+            if known is None:
+                return False
+            self._acquired[key] = known
+        return True
+
+    def _stages(
+        self,
+        shaders: ExitStack,
+        key: PipelineKey,
+        item: PipelineInfo,
+        specializations: list[raw.CData | None],
+        interface: Interface,
+    ) -> list[raw.CData]:
+        """The shaders of a pipeline, valid until `shaders` closes. specializations: of each module."""
+        modules = list(item.modules)
+        for at, module in enumerate(modules):
+            # A software driver is faster with a module that has no code to switch off.
+            if self._device.properties.kind == "cpu" and has_many_switches(module):
+                modules[at] = specialized(module, item.constants)
+                specializations[at] = None
+        codes = [module.spirv for module in modules]
+        if item.kind is None:
+            codes[0], self._addresses[key] = interface.addressed(modules[0])
+        linked = map(interface.linked, modules, codes)
+        return [
+            self._stage(shaders, item.name, module, code, specialization)
+            for module, code, specialization in zip(item.modules, linked, specializations, strict=True)
+        ]
 
     def _creation(
         self, stages: list[raw.CData], kind: Targets | RayGroups | None, layout: raw.CData
@@ -151,15 +172,19 @@ class Pipelines:
                     wait([future])
         finally:  # after Ctrl-C too, because the threads use the shader modules
             threads.shutdown(cancel_futures=True)
+            # All that succeeded is kept, whatever failed: the next attempt needn't make it again.
             done = [(key, future) for key, future in futures.items() if not future.cancelled()]
-            failures = [failed for key, future in done if (failed := self._keep(key, missing[key][0], future))]
+            errors = [self._keep(key, missing[key][0], future) for key, future in done]
+            failures = [error for error in errors if error is not None]
         if failures:
             raise failures[0]
         self._device.pipeline_cache.save()
 
     def _keep(self, key: PipelineKey, item: PipelineInfo, future: Future[raw.CData]) -> SolariError | None:
         """Keep what a thread has created, with its table; returns the error if one of them has failed."""
-        device, table, token = self._device, None, 0
+        device = self._device
+        table = None
+        token = 0
 
         def destroy() -> None:
             device.release(token)
@@ -175,14 +200,13 @@ class Pipelines:
         except SolariError as error:
             destroy()
             return type(error)(f"pass {item.name}: {error}")
-        if (known := self._kept.take(key)) is not None:  # another frame has made it meanwhile, called by `on_compile`
+        if self._acquire(key):  # another frame has made it meanwhile, called by `on_compile`
             destroy()
-            self._taken[key] = known
             return None
         device.share(token)
         addresses = self._addresses.pop(key, ())
-        self._taken[key] = Pipeline(item, handle, _BIND_POINTS[type(item.kind)], table, addresses)
-        self._kept.add(key, self._taken[key], destroy)
+        self._acquired[key] = Pipeline(item, handle, _BIND_POINTS[type(item.kind)], table, addresses)
+        self._shared.add(key, self._acquired[key], destroy)
         return None
 
     def _stage(
@@ -204,9 +228,9 @@ class Pipelines:
 
     def retain(self, used: set[PipelineKey]) -> None:
         """Give all others back to the device, which destroys those that go when the work submitted so far is done."""
-        for key in self._taken.keys() - used:
-            del self._taken[key]
-            self._kept.give_back(key)
+        for key in self._acquired.keys() - used:
+            del self._acquired[key]
+            self._shared.release(key)
 
     def destroy(self) -> None:
         """Give everything back to the device. Safe to call twice."""
@@ -231,8 +255,10 @@ def _specializations(
 
 def _specialization(module: Module, constants: Constants) -> raw.CData | None:
     entries, data = [], b""
-    for constant in constants:  # in this order in every process: pipeline caches compare the entries in their order
-        if (known := module.constants.get(constant)) is None:
+    # In the same order in every process: pipeline caches compare the entries in their order.
+    for constant in constants:
+        known = module.constants.get(constant)
+        if known is None:
             continue
         entries.append({"constantID": known.id, "offset": len(data), "size": known.dtype.itemsize})
         data += np.array(constants[constant], known.dtype).tobytes()

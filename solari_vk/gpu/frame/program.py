@@ -52,8 +52,8 @@ class Program:
         """Raise SolariError if a resource of the shaders is missing, naming the passes that use it, or if an indirect
         buffer is too small."""
         for step in self.steps:
-            if isinstance(step.item, Pass) and (name := step.item.indirect) is not None and name in bound:
-                _check_indirect(step, step.item, bound[name])
+            if isinstance(step.item, Pass) and step.item.indirect is not None and step.item.indirect in bound:
+                _check_indirect(step, step.item, bound[step.item.indirect])
         for name, binding in self.interface.bindings.items():
             if name in bound or binding.kind == "uniform_buffer":  # uniform blocks are the frame's own
                 continue
@@ -102,7 +102,8 @@ class Program:
             elif item.indirect is not None:
                 add(reads, (item.indirect,), hazards.INDIRECT_READ)
             for module in step.modules:
-                add(reads, read := sorted(module.main.reads & bound.keys()), shader[0])
+                read = sorted(module.main.reads & bound.keys())
+                add(reads, read, shader[0])
                 add(reads, filter(self._is_structure, read), hazards.STRUCTURE_READ)
                 add(writes, sorted(module.main.writes & bound.keys()), shader[1])
             found.append(Accesses(step.name, reads, writes))

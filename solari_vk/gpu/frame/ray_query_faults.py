@@ -70,5 +70,6 @@ def ray_query_faults(frame: Frame) -> list[RayQueryFault]:
 
 def check_ray_queries(frame: Frame) -> None:
     """Raise SolariError naming every rule that a shader has broken."""
-    if faults := ray_query_faults(frame):
+    faults = ray_query_faults(frame)
+    if faults:
         raise SolariError("ray queries: " + "; ".join(map(str, faults)))

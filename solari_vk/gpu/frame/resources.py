@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -66,23 +66,19 @@ class Resources:
         attachments = _attachments(stages)
         result = Resources(self._device, made, aliased)
         try:
-            for stage in stages:
-                for name, size in (*stage.buffers.items(), *stage.images.items()):
-                    if name in made or name in aliased:
-                        raise SolariError(f"stage {stage.name}: {name} is declared by another stage as well")
-                    if isinstance(size, IfUsed):
-                        if name not in interface.bindings:
-                            continue
-                        size = size.size
-                    if isinstance(size, Aliased):
-                        if (host := size.host.removeprefix(PREVIOUS)) in made:
-                            _check_aliased(stage, name, size, interface, made[host].spec)
-                            aliased[name] = size
-                            continue
-                        size = size.count
-                    spec = _specification(stage, name, size, interface, attachments.get(name, ""))
-                    known = self._made.get(name)
-                    made[name] = known if known and known.spec == spec else self._make(name, spec)
+            for stage, name, size in _declared(stages, interface):
+                if name in made or name in aliased:
+                    raise SolariError(f"stage {stage.name}: {name} is declared by another stage as well")
+                host = size.host.removeprefix(PREVIOUS) if isinstance(size, Aliased) else ""
+                if host in made:
+                    _check_aliased(stage, name, size, interface, made[host].spec)
+                    aliased[name] = size
+                    continue
+                # Without its host, which no stage of this frame declares, an alias has memory of its own.
+                count = size.count if isinstance(size, Aliased) else size
+                spec = _specification(stage, name, count, interface, attachments.get(name, ""))
+                known = self._made.get(name)
+                made[name] = known if known and known.spec == spec else self._make(name, spec)
         except BaseException:
             result.destroy_all_but(self)
             raise
@@ -97,7 +93,7 @@ class Resources:
                 if kind == "buffer":
                     buffer = self._device.buffer(rest[0], label)
                     items.append(buffer)
-                    buffer.fill(0)
+                    buffer.fill(0)  # what the first frame reads as the previous one
                 else:
                     width, height, format_name, attachment = rest
                     format = image_format(format_name)
@@ -128,6 +124,16 @@ _USAGES = {
 }
 
 
+def _declared(stages: Sequence[Stage], interface: Interface) -> Iterator[tuple[Stage, str, Any]]:
+    """The stage, name and size of each resource that is declared, but for those `IfUsed` that no shader has."""
+    for stage in stages:
+        for name, size in (*stage.buffers.items(), *stage.images.items()):
+            if not isinstance(size, IfUsed):
+                yield stage, name, size
+            elif name in interface.bindings:
+                yield stage, name, size.size
+
+
 def _attachments(stages: Sequence[Stage]) -> dict[str, str]:
     """The images that the stages draw into, each with "color" or "depth"."""
     draws = [item for stage in stages for item in stage.passes if isinstance(item, Draw)]
@@ -138,7 +144,8 @@ def _specification(stage: Stage, name: str, size: Any, interface: Interface, att
     """Everything that decides whether an existing resource can be kept."""
     copies = 1
     if isinstance(size, History):
-        copies, size = 2, size.size
+        copies = 2
+        size = size.size
     if attachment == "depth":
         return ("image", copies, *_image_size(stage, name, size), DEPTH_FORMAT, attachment)
     binding = _binding(stage, interface, name, PREVIOUS + name if copies == 2 else name)
@@ -189,13 +196,14 @@ def _clear(image: Image) -> None:
     """Set an image to zero just before the next submission."""
 
     def record(cmd: raw.CData) -> None:
-        if image.handle is not None:
-            kind, part = "Color", raw.struct("VkImageSubresourceRange", **image.all_levels)
+        if image.handle is not None:  # it may be destroyed before the next submission
+            part = raw.struct("VkImageSubresourceRange", **image.all_levels)
             vk = image.device.vk
             vk.vkCmdPipelineBarrier2(cmd, full_barrier())
-            if image.aspect == raw.VK_IMAGE_ASPECT_DEPTH_BIT:
-                kind = "DepthStencil"
-            clear, zero = getattr(vk, f"vkCmdClear{kind}Image"), raw.struct(f"VkClear{kind}Value")
+            # Vulkan has a command each for colors and for depth.
+            kind = "DepthStencil" if image.aspect == raw.VK_IMAGE_ASPECT_DEPTH_BIT else "Color"
+            clear = getattr(vk, f"vkCmdClear{kind}Image")
+            zero = raw.struct(f"VkClear{kind}Value")
             clear(cmd, image.handle, image.layout, zero, 1, part)
             vk.vkCmdPipelineBarrier2(cmd, full_barrier())
 

@@ -11,10 +11,9 @@ import numpy as np
 from solari_vk.gpu.device import raw
 from solari_vk.gpu.device.barriers import full_barrier, memory_barrier
 from solari_vk.gpu.device.buffer import Buffer
-from solari_vk.gpu.device.command_pool import CommandPool
+from solari_vk.gpu.device.commands import CommandPool, Recorded
 from solari_vk.gpu.device.compiling import announced
 from solari_vk.gpu.device.device import Device
-from solari_vk.gpu.device.recorded import Recorded
 from solari_vk.gpu.frame.compile_ahead import compiling_ahead
 from solari_vk.gpu.frame.descriptors import BufferRange, DescriptorSets
 from solari_vk.gpu.frame.hazards import Barrier
@@ -36,7 +35,8 @@ class Slot:
         self.value = 0
         self.stale = True
         self._in_parts = False
-        self._pool, self._made = pool, pool.allocate(1)  # command buffers, of which a recording may need fewer
+        self._pool = pool
+        self._made = pool.allocate(1)  # command buffers, of which a recording may need fewer
         self.commands = self._made[0]
         """The command buffer that is being recorded."""
         self.submission = device.submission(self._made)
@@ -72,7 +72,9 @@ class Slot:
         size = uniforms.memory.nbytes
         if self._uniforms is not None and self._uniforms.size != size:
             self._uniforms.destroy()
-            self._uniforms, self.uniform_source, self.uniform_target = None, b"", bytearray()
+            self._uniforms = None
+            self.uniform_source = b""
+            self.uniform_target = bytearray()
         if size and self._uniforms is None:
             self._uniforms = self._device.buffer(size, f"uniforms {self.index}", host=True)
             self.uniform_target = self._uniforms.view(np.uint8).data
@@ -100,11 +102,13 @@ class Slot:
         if count != len(self.submission.commands):
             self.submission = self._device.submission(self._made[:count])
         self._begin(0)
+        # Orders this frame behind all work before it, such as uploads and the other slot's frame.
         vk.vkCmdPipelineBarrier2(self.commands, full_barrier())
         if self._query_count:
+            # Queries must be reset before each use, on the device if they were written there.
             vk.vkCmdResetQueryPool(self.commands, self._queries, 0, self._query_count)
         self._timestamp(0)
-        bound: set[int] = set()
+        bound: set[int] = set()  # bind points that have the descriptor sets in this command buffer
         steps = zip(self._program.steps, barriers, parts, strict=True)
         listed = [(at, step, barrier, band) for at, (step, barrier, bands) in enumerate(steps, 1) for band in bands]
         for part, (at, step, barrier, band) in enumerate(listed):
@@ -112,31 +116,33 @@ class Slot:
                 vk.vkEndCommandBuffer(self.commands)
                 self._begin(part)
                 bound.clear()
-            commands = self.commands
-            with self._device.label(commands, step.name):
-                if barrier is not None and (band is None or not band.start):
-                    vk.vkCmdPipelineBarrier2(
-                        commands,
-                        memory_barrier(
-                            barrier.source.access,
-                            barrier.target.access,
-                            source=barrier.source.stages,
-                            target=barrier.target.stages,
-                        ),
-                    )
-                if isinstance(step.item, Pass):
-                    self._bind(bound, step.pipeline)
-                    self._dispatch(step, step.item, band)
-                elif isinstance(step.item, Draw):
-                    self._bind(bound, step.pipeline)
-                    record_draw(self._device, commands, step.item, self._bound)
-                else:
-                    step.item.record(commands)
-                    bound.clear()  # a step may bind other sets
+            self._record_step(step, barrier, band, bound)
             if band is None or band.stop == step.counts[1]:
                 self._timestamp(at)
         vk.vkEndCommandBuffer(self.commands)
         self.stale = False
+
+    def _record_step(self, step: BuiltStep, barrier: Barrier | None, band: range | None, bound: set[int]) -> None:
+        """Record a step, or a band of its workgroups, of which the first waits for the steps before."""
+        commands = self.commands
+        with self._device.label(commands, step.name):
+            if barrier is not None and (band is None or not band.start):
+                self._record_barrier(barrier)
+            if isinstance(step.item, Pass):
+                self._bind(bound, step.pipeline)
+                self._dispatch(step, step.item, band)
+            elif isinstance(step.item, Draw):
+                self._bind(bound, step.pipeline)
+                record_draw(self._device, commands, step.item, self._bound)
+            else:
+                step.item.record(commands)
+                bound.clear()  # a step may bind other sets
+
+    def _record_barrier(self, barrier: Barrier) -> None:
+        dependency = memory_barrier(
+            barrier.source.access, barrier.target.access, source=barrier.source.stages, target=barrier.target.stages
+        )
+        self._device.vk.vkCmdPipelineBarrier2(self.commands, dependency)
 
     def _begin(self, part: int) -> None:
         self.commands = self._made[part]
@@ -216,6 +222,7 @@ class Slot:
         if step.pipeline is not None and step.pipeline.table is not None:  # a launch traces all its rays
             return (None,)
         columns, rows, layers = step.counts
+        # Whole rows of workgroups, at least one, since vkCmdDispatchBase divides a dispatch by rows here.
         height = max(PART_GROUPS // (columns * layers), 1)
         return [range(top, min(top + height, rows)) for top in range(0, rows, height)]
 
@@ -269,6 +276,7 @@ class Slot:
             8,
             raw.VK_QUERY_RESULT_64_BIT,
         )
+        # Counters with fewer than 64 bits wrap: differences are right modulo their range.
         mask = np.uint64((1 << self._device.timestamp_bits) - 1)
         spans = (np.diff(ticks) & mask).astype(np.float64) * self._device.properties.limits.timestampPeriod * 1e-6
         return {step.name: float(span) for step, span in zip(self._program.steps, spans, strict=True)}

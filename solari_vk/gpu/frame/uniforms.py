@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import struct
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from typing import Any
@@ -9,7 +10,9 @@ from typing import Any
 import numpy as np
 
 from solari_vk.base.errors import SolariError, unknown_name
-from solari_vk.gpu.frame.packing import packing
+
+# The letters of `struct` for numpy's types.
+_CODES = {"f4": "f", "f8": "d", "u4": "I", "i4": "i", "u8": "Q", "i8": "q"}
 
 
 class Writer:
@@ -56,12 +59,15 @@ class Uniforms:
         """Replace the blocks. A field that existed before with the same type keeps its value."""
         if blocks == self._types:
             return
-        offsets, end = {}, 0
+        offsets: dict[str, int] = {}
+        end = 0
         for name, dtype in blocks.items():
             offsets[name] = -(-end // self._alignment) * self._alignment
             end = offsets[name] + dtype.itemsize
         before = self._fields
-        self.memory, self.offsets, self._types = np.zeros(end, np.uint8), offsets, dict(blocks)
+        self.memory = np.zeros(end, np.uint8)
+        self.offsets = offsets
+        self._types = dict(blocks)
         records = {name: self.record(name) for name in blocks}
         self._fields = {
             f"{name}.{field}": record[field] for name, record in records.items() for field in record.dtype.names or ()
@@ -133,3 +139,35 @@ class Uniforms:
             return self._fields[name]
         except KeyError:
             raise unknown_name("the shaders have no uniform", name, self._fields) from None
+
+
+def packing(dtype: np.dtype[Any], names: Sequence[str]) -> tuple[struct.Struct, int]:
+    """A `struct` that packs these fields of a record, and the byte offset of the first.
+
+    For the few numbers that change with each frame this takes a quarter of numpy's time. A field of several numbers
+    takes them one by one. Raises SolariError unless the record has these fields, in this
+    order and without gaps.
+    """
+    fields: Any = dtype.fields or {}
+    missing = [name for name in names if name not in fields]
+    if missing:
+        raise SolariError(f"the shaders' record has no field {missing[0]}; there are {', '.join(fields) or 'none'}")
+    begin = end = fields[names[0]][1]
+    format = "="
+    for name in names:
+        kind, offset = fields[name][:2]
+        if offset != end:
+            raise SolariError(f"field {name} of the record must follow the one before it without a gap: {names}")
+        format += _format(kind, name)
+        end = offset + kind.itemsize
+    return struct.Struct(format), begin
+
+
+def _format(kind: np.dtype[Any], name: str) -> str:
+    if kind.fields:
+        packed, begin = packing(kind, tuple(kind.fields))
+        if begin or packed.size != kind.itemsize:
+            raise SolariError(f"field {name} of the record has a gap")
+        return packed.format[1:]
+    base, shape = kind.subdtype or (kind, ())
+    return f"{int(np.prod(shape))}{_CODES[base.str[1:]]}"

@@ -37,7 +37,9 @@ class Sources:
     def find(self, path: str) -> Path | None:
         """The file of a path."""
         if path not in self._files:
-            self._files[path] = next((file for root in self.roots if (file := root / path).is_file()), None)
+            # The first root wins, so that overlays replace single files of the package.
+            files = (root / path for root in self.roots)
+            self._files[path] = next((file for file in files if file.is_file()), None)
         return self._files[path]
 
     def closure(self, path: str, source: bytes | None = None) -> dict[str, bytes]:

@@ -17,14 +17,20 @@ from solari_vk.gpu.tensors import dlpack
 from solari_vk.gpu.tensors.cuda_header import HEADER
 from solari_vk.gpu.tensors.cuda_header import HIP as _HIP
 
-_OPAQUE_FD, _TIMELINE_FD, _DEDICATED = 1, 9, 1
+# CU_EXTERNAL_MEMORY_HANDLE_TYPE_OPAQUE_FD, CU_EXTERNAL_SEMAPHORE_HANDLE_TYPE_TIMELINE_SEMAPHORE_FD and
+# CUDA_EXTERNAL_MEMORY_DEDICATED, which must be set for a dedicated allocation of Vulkan.
+_OPAQUE_FD = 1
+_TIMELINE_FD = 9
+_DEDICATED = 1
 _ffi: Any = FFI()
 _ffi.cdef(HEADER)
 _ffi.cdef("int hipDeviceGetByPCIBusId(CUdevice *, const char *);")
+# HIP's functions have CUDA's signatures: the same declarations by other names.
 for _line in HEADER.split("\n"):
-    if (_name := _line.partition("(")[0].removeprefix("int ")) in _HIP:
+    _name = _line.partition("(")[0].removeprefix("int ")
+    if _name in _HIP:
         _ffi.cdef(_line.replace(_name, _HIP[_name]))
-_NO_TIMING = 2
+_NO_TIMING = 2  # CU_EVENT_DISABLE_TIMING, with which events cost least
 _STILL_WELL = {600, *range(900, 909)}  # of cuStreamQuery: work isn't done, or a graph is being captured
 _NON_BLOCKING = 1  # a stream that doesn't wait for the default one
 CData = Any
@@ -49,6 +55,8 @@ class Cuda:
         self.call("cuInit", 0)
         self.ordinal = self._find(identity)
         """The device's number in CUDA."""
+        # The primary context is the one that CUDA's runtime uses, and so PyTorch, CuPy and JAX: their addresses and
+        # streams are valid in it.
         context = _ffi.new("CUcontext *")
         self.call("cuDevicePrimaryCtxRetain", context, self._handle(self.ordinal))
         self._context = context[0]

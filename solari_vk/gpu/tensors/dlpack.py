@@ -9,7 +9,10 @@ from typing import Any
 
 import numpy as np
 
-CPU, CUDA, ROCM = 1, 2, 10
+# DLDeviceType and DLDataTypeCode of dlpack.h.
+CPU = 1
+CUDA = 2
+ROCM = 10
 _KINDS = {"i": 0, "u": 1, "f": 2}
 
 
@@ -30,7 +33,9 @@ class _Tensor(ctypes.Structure):
     )
 
 
-_held: dict[int, tuple[Any, ...]] = {}  # what tensors need, by the addresses of their structures
+# What tensors need, by the addresses of their structures: DLPack's consumers hold an address alone, and nothing of
+# Python keeps the structure and the owner of the memory alive.
+_held: dict[int, tuple[Any, ...]] = {}
 _python: Any = ctypes.pythonapi
 _python.PyCapsule_New.restype = ctypes.py_object
 _python.PyCapsule_New.argtypes = (ctypes.c_void_p, ctypes.c_char_p, ctypes.c_void_p)
@@ -46,7 +51,7 @@ def _delete(address: int) -> None:
 
 
 def _delete_unused(capsule: int) -> None:
-    """A capsule is gone. Consumers rename those that they have taken."""
+    """A capsule is gone. Consumers rename those that they have taken, and call the deleter themselves."""
     if _python.PyCapsule_IsValid(capsule, b"dltensor"):
         _delete(_python.PyCapsule_GetPointer(capsule, b"dltensor"))
 

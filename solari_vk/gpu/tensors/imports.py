@@ -17,7 +17,7 @@ from solari_vk.base.errors import DeviceError
 from solari_vk.gpu.device import raw
 from solari_vk.gpu.device.barriers import full_barrier
 from solari_vk.gpu.device.buffer import Buffer
-from solari_vk.gpu.device.recorded import Recorded
+from solari_vk.gpu.device.commands import Recorded
 from solari_vk.gpu.device.work_queue import WorkQueue
 from solari_vk.gpu.tensors import dlpack, shared_memory
 from solari_vk.gpu.tensors.exports import NO_SYNC, TensorExports

@@ -12,7 +12,7 @@ from solari_vk.base.errors import SolariError
 from solari_vk.gpu.device import barriers, raw
 from solari_vk.gpu.device.barriers import full_barrier
 from solari_vk.gpu.device.buffer import Buffer
-from solari_vk.gpu.device.command_pool import CommandPool
+from solari_vk.gpu.device.commands import CommandPool
 from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.device.image import Image
 from solari_vk.studio.viewer.layout import Area

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import solari_vk as sv
-from solari_vk.gpu.device.kept import Kept
+from solari_vk.gpu.device.shared_objects import SharedObjects
 from solari_vk.studio.viewer import compile_preview
 from solari_vk.studio.viewer.comparison import difference, errors
 from solari_vk.studio.viewer.pictures import STRIP
@@ -133,7 +133,7 @@ def first_frame(open_viewer, device, monkeypatch):
     show = Presenter.show
     monkeypatch.setattr(Presenter, "show", lambda self, given, draw: (parts.append(given), show(self, given, draw))[1])
     viewer = open_viewer(mode="realtime", overlay=False)
-    monkeypatch.setattr(device, "pipelines", Kept(limit=0))  # other viewers' would be there already
+    monkeypatch.setattr(device, "pipelines", SharedObjects(limit=0))  # other viewers' would be there already
     monkeypatch.setattr(viewer.window, "set_title", titles.append)
 
     def step(patience):

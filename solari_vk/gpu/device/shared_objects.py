@@ -1,4 +1,4 @@
-"""Objects of a device that its users share, and that stay for the next user."""
+"""Objects of a device that its users share, and that stay for the next user, such as compiled pipelines."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Generic, TypeVar
 Value = TypeVar("Value")
 
 
-class Kept(Generic[Value]):
+class SharedObjects(Generic[Value]):
     """Objects by what they are made from. Of those without a user, the `limit` that were used last stay."""
 
     def __init__(self, limit: int) -> None:
@@ -21,7 +21,7 @@ class Kept(Generic[Value]):
     def __len__(self) -> int:
         return len(self._all)
 
-    def take(self, key: Hashable) -> Value | None:
+    def acquire(self, key: Hashable) -> Value | None:
         """The object with this key, which has one user more from now on; None if there is none."""
         if key not in self._all:
             return None
@@ -34,7 +34,7 @@ class Kept(Generic[Value]):
         self._all[key] = value, destroy
         self._users[key] = 1
 
-    def give_back(self, key: Hashable) -> None:
+    def release(self, key: Hashable) -> None:
         """Say that one user less needs the object."""
         self._users[key] -= 1
         if not self._users[key]:
