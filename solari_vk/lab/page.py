@@ -37,6 +37,7 @@ def device_facts(device: Device, load: str) -> dict[str, str]:
 
 def run_facts() -> dict[str, str]:
     """When, from which commit and by which command a page is written. Of paths only the last part is told."""
+    # Paths of the machine that measured are of no use to readers, and are nobody's business.
     words = [os.path.basename(word.rstrip("/")) for word in sys.argv[1:]]
     return {
         "date": datetime.now(UTC).strftime("%Y-%m-%d"),
@@ -87,6 +88,7 @@ def markdown_table(head: Sequence[str], rows: Sequence[Sequence[str]], numbers: 
 
     Where a line would be wider than WIDTH, further tables hold the last columns, each with the first column again.
     """
+    # The widest first table that fits; its first column names the rows of all tables.
     count = len(head)
     while count > 2 and max(len(_line(row[:count])) for row in (head, *rows)) > WIDTH:
         count -= 1

@@ -83,6 +83,7 @@ class ShaderRunner:
             frame = self._frame([Stage("one run", buffers=counts, images=images or {}, passes=steps)], bound)
             for key, before in outputs.items():
                 if isinstance(before, int):
+                    # Unwritten elements then differ from any answer.
                     frame.resource(key).fill(0xFFFFFFFF)
                 else:
                     frame.resource(key).upload(np.ascontiguousarray(before))
@@ -93,6 +94,7 @@ class ShaderRunner:
 
     def _frame(self, stages: list[Stage], bound: Mapping[str, Any]) -> Frame:
         """The frame of these steps: its pipelines are kept between runs, its resources are those of this run."""
+        # What pipelines depend on: passes that differ in it cannot share a frame.
         variant = ("header", "constants", "misses", "hits")
         key = tuple((type(s), s.name, *(repr(getattr(s, name, "")) for name in variant)) for s in stages[0].passes)
         if key not in self._frames:

@@ -154,6 +154,7 @@ class Structures:
         }
         self.tlas = self._own(Tlas(device, len(placed), update_mode=update_mode, prefer_fast_trace=fast_trace))
         self._instances = self._own(device.buffer(max(len(placed), 1) * INSTANCE_DTYPE.itemsize, "instances"))
+        # Built elsewhere first, so that a build that changes nothing is found out.
         if build_mode in (REBUILT, REFITTED):
             self._build(displaced=True)
         self._build(update=update, compact=compact, damage=damage)
@@ -213,6 +214,7 @@ class Structures:
     ) -> None:
         with self.device.uploads() as uploads:
             for buffer, data in self._uploads:
+                # The displaced vertices keep the triangles alive: degenerate ones may never become active by a refit.
                 uploads.buffer(buffer, data * np.float32(1.5) + np.float32(7) if displaced else data)
         build_blases(self.device, list(self.blases.values()), compact=False, update=update)
         if compact:
@@ -315,6 +317,7 @@ def build_and_trace(
 def random_rotation(random: np.random.Generator) -> NDArray[np.float64]:
     """A random rotation (3, 3)."""
     q, r = np.linalg.qr(random.normal(size=(3, 3)))
+    # Makes the decomposition unique, so rotations are uniform (Mezzadri 2007); the last line removes reflections.
     q *= np.sign(np.diag(r))
     return q * np.sign(np.linalg.det(q))  # type: ignore[no-any-return]
 
@@ -328,12 +331,14 @@ def bumpy_ball(segments: int, bumps: float, seed: int = 0) -> NDArray[np.float32
     )
     radius = 1 + bumps * np.sin(polar) * random.uniform(-1, 1, polar.shape)
     sine = np.sin(polar)
+    # The sine of pi is not 0 in floats: at the poles all points of a ring must be the same.
     sine[[0, -1]] = 0
     points = np.stack([sine * np.cos(around), np.cos(polar), sine * np.sin(around)], -1) * radius[..., None]
     points = points.astype(np.float32)
     a, b = points[:-1], points[1:]
     c, d = np.roll(b, -1, axis=1), np.roll(a, -1, axis=1)
     corners = np.concatenate([np.stack([a, c, b], 2).reshape(-1, 3, 3), np.stack([a, d, c], 2).reshape(-1, 3, 3)])
+    # Quads at the poles have one triangle without area.
     area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
     corners = corners[area > 0]
     ordered: NDArray[np.float32] = corners[spatial_order(corners.min(axis=1), corners.max(axis=1))]

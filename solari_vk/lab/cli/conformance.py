@@ -40,10 +40,10 @@ class ConformanceJob(DeviceOptions):
 def run(job: ConformanceJob) -> int:
     """Measure and report; returns the exit code."""
     from solari_vk.lab.conformance.run import run
-    from solari_vk.lab.conformance.worker import Work
+    from solari_vk.lab.conformance.worker import SuiteOptions
 
     return run(
-        Work(job.device, job.full, job.rays),
+        SuiteOptions(job.device, job.full, job.rays),
         only=job.only,
         time_limit=job.time_limit,
         in_process=job.in_process,

@@ -59,6 +59,7 @@ def _place(name: str) -> NDArray[np.float64]:
 def measure_watertight(shaders: ShaderRunner) -> Iterator[Measurement]:
     """Traces rays at edges and vertices: from the inside of a closed surface, and at a fan of triangles."""
     random = np.random.default_rng(7)
+    # A fan of 200 triangles around one vertex, with uneven angles and lengths.
     angles = np.cumsum(random.uniform(0.2, 1.0, 200))
     angles *= 2 * np.pi / angles[-1]
     # The fan is flat, so that rays from above meet no triangle edge-on: there, a ray beside an edge may miss it.
@@ -74,6 +75,7 @@ def measure_watertight(shaders: ShaderRunner) -> Iterator[Measurement]:
         "fan: edges": ("fan", _edge_points(fan, np.linspace(0.05, 0.95, 64), [(0, 1)]), (0.1, 0.2, 2.0)),
         "fan: vertex": ("fan", np.tile(fan[0, 0], (10_000, 1)), (0.1, 0.2, 2.0)),
     }
+    # From inside a closed surface each ray must hit. Rays that miss went between two triangles.
     through = dict.fromkeys(targets, 0)
     for place in PLACES:
         matrix = Placement("ball", _place(place)).matrix
@@ -155,10 +157,12 @@ def measure_extreme_transforms(shaders: ShaderRunner) -> Iterator[Measurement]:
         if not hit["t"] >= 0:
             missed.append(label)
             continue
+        # In object space the triangle lies in z = 0, so t is the height of the origin over the descent of the ray.
         inverse = np.linalg.inv(exact[:, :3])
         origin = inverse @ (origins[0].astype(np.float32).astype(np.float64) - exact[:, 3])
         direction = directions[0].astype(np.float32).astype(np.float64)
         error = float(abs(hit["t"] + origin[2] / (inverse @ direction)[2]))
+        # The error is relative to what cancels when the ray is moved to object space.
         relative = max(relative, (error / max(1.5, np.abs(inverse).max() * np.abs(exact).max()), label))
         if size in meters:
             off = error * float(np.linalg.norm(direction))
@@ -190,6 +194,7 @@ def measure_thin_triangles(shaders: ShaderRunner) -> Iterator[Measurement]:
     # Solves origin + t direction = (1 - u - v) a + u b + v c for the triangle that each ray hit.
     edges = np.stack([found[:, 1] - found[:, 0], found[:, 2] - found[:, 0], -directions.astype(float)], -1)
     u, v, t = np.linalg.solve(edges, (origins - found[:, 0])[..., None])[..., 0].T
+    # A triangle that the ray crosses in float64 too, up to a hundredth of its size, and not behind the aimed one.
     crossed = (np.minimum(np.minimum(u, v), 1 - u - v) > -0.01) & (t > 0) & (own | (t < exact))
     wrong = missed | ~crossed
     yield Measurement(_THIN_HIT, float(wrong.sum()), unit=f"of {len(corners):,}")
@@ -201,6 +206,7 @@ def measure_not_finite(shaders: ShaderRunner) -> Iterator[Measurement]:
     """Traces rays at a wall and a box, each made invalid by another component."""
     wall = np.array([[(-9, -9, 0), (9, -9, 0), (0, 9, 0)]])
     shapes: Shapes = {"wall": [Triangles(wall)], "box": [Boxes(np.array([[(-1, -1, 1), (1, 1, 2)]]))]}
+    # Eight numbers of a ray; all but the first two rays are invalid.
     changes: dict[str, dict[int, float]] = {"a plain ray": {}, "an endless ray": {7: np.inf}}
     names = ("origin.x", "origin.y", "origin.z", "dir.x", "dir.y", "dir.z", "t_min", "t_max")
     for i, name in enumerate(names):
@@ -229,6 +235,7 @@ def measure_not_finite(shaders: ShaderRunner) -> Iterator[Measurement]:
     wrong, missed = (np.flatnonzero((found["committed"]["kind"] != 0) != valid) for found in (released, caught))
     yield count_wrong(_NOT_FINITE, [labels[i] for i in wrong])
     given = np.column_stack([released[name] for name in ("world_origin", "world_direction", "t_min")])
+    # The ray that ray_query.glsl puts in place of invalid ones: along z, from the origin, with an empty range.
     right = np.where(valid[:, None], table[:, :7].astype(np.float32), (0, 0, 0, 0, 0, 1, 0))
     passed_on = np.flatnonzero((given != right).any(axis=1))
     yield count_wrong(_REPLACED, [labels[i] for i in passed_on])

@@ -14,12 +14,12 @@ from solari_vk.lab.shader_runner import ShaderRunner
 
 
 @dataclass(frozen=True)
-class Run:
+class CheckContext:
     """What a check may use: the suite's shaders with their device, the profile, and what records missing features.
 
     part: the only part of the case that is to be measured; all when empty."""
 
-    rule: Recorder
+    recorder: Recorder
     shaders: ShaderRunner
     full: bool
     part: str = ""
@@ -30,14 +30,24 @@ class Run:
         return self.shaders.device
 
 
-Measure = Callable[[Run], Iterable[Measurement]]
+Measure = Callable[[CheckContext], Iterable[Measurement]]
+
+
+def with_shaders(measure: Callable[[ShaderRunner], Iterable[Measurement]]) -> Measure:
+    """A check that only runs shaders."""
+    return lambda context: measure(context.shaders)
+
+
+def with_device(measure: Callable[[Device], Iterable[Measurement]]) -> Measure:
+    """A check that only needs a device."""
+    return lambda context: measure(context.device)
 
 
 def cases_of(name: str, measure: Callable[..., Iterable[Measurement]], *cases: Any) -> dict[str, Measure]:
-    """measure(run, case), or measure(run, *case) for tuples, under names with the case."""
+    """measure(context, case), or measure(context, *case) for tuples, under names with the case."""
 
     def bind(*values: Any) -> Measure:
-        return lambda run: measure(run, *values)
+        return lambda context: measure(context, *values)
 
     given = [case if isinstance(case, tuple) else (case,) for case in cases]
     return {"-".join(map(str, (name, *values))): bind(*values) for values in given}
@@ -46,12 +56,12 @@ def cases_of(name: str, measure: Callable[..., Iterable[Measurement]], *cases: A
 def by(rays: str, rules: Iterable[Rule], measure: Measure) -> Measure:
     """A check of one way to trace rays, whose rules a device that was opened for the other way doesn't support."""
 
-    def check(run: Run) -> Iterable[Measurement]:
-        if run.device.rays == rays:
-            return measure(run)
-        lacked = ", ".join(run.device.missing_rays[rays])
-        other = f"the device is opened for rays by {run.device.rays}, not by {rays}"
-        run.rule.unmeasured(rules, UNSUPPORTED, f"the device lacks {lacked}" if lacked else other)
+    def check(context: CheckContext) -> Iterable[Measurement]:
+        if context.device.rays == rays:
+            return measure(context)
+        lacked = ", ".join(context.device.missing_rays[rays])
+        other = f"the device is opened for rays by {context.device.rays}, not by {rays}"
+        context.recorder.unmeasured(rules, UNSUPPORTED, f"the device lacks {lacked}" if lacked else other)
         return ()
 
     return check

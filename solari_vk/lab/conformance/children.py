@@ -18,11 +18,13 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from solari_vk.lab.conformance.outcomes import CRASH, HANG, Check
-from solari_vk.lab.conformance.worker import Began, Tell, Work, measure_checks
+from solari_vk.lab.conformance.worker import CheckBegan, Send, SuiteOptions, measure_checks
 
 LEAVING = "leaving the process"
+# After that long the process is left to the system.
 _GRACE = 10.0  # seconds for a process to end after its pipe was closed, or after SIGABRT
 _PACKAGE = Path(__file__).resolve().parents[2]
+# A line of a traceback that faulthandler writes.
 _FRAME = re.compile(r'File "(.+)", line (\d+) in (.+)')
 
 
@@ -39,37 +41,41 @@ class Death:
     seconds: float
 
 
-def measure_in_child(work: Work, checks: Sequence[Check], tell: Tell, limit: float) -> Death | None:
+def measure_in_child(options: SuiteOptions, checks: Sequence[Check], send: Send, limit: float) -> Death | None:
     """`measure_checks` in a new process; `limit`: seconds for each check. Returns None when the child reached its end.
 
     Whatever stops this function, such as Ctrl-C, kills the child too."""
+    # A forked child would share the state of the driver, which must not be used by two processes.
     context = multiprocessing.get_context("spawn")
     receiving, sending = context.Pipe(duplex=False)
     with TemporaryDirectory() as folder:
         log = Path(folder) / "output"
-        child = context.Process(target=_run, args=(work, checks, sending, str(log)), daemon=True)
+        child = context.Process(target=_run, args=(options, checks, sending, str(log)), daemon=True)
         child.start()
+        # Only the child holds the sending end now, so that the pipe ends when the child does.
         sending.close()
         try:
-            return _watch(child, receiving, tell, limit, log)
+            return _watch(child, receiving, send, limit, log)
         finally:
             child.kill()
             child.join(_GRACE)
             receiving.close()
 
 
-def _run(work: Work, checks: Sequence[Check], sending: Connection, log: str) -> None:
+def _run(options: SuiteOptions, checks: Sequence[Check], sending: Connection, log: str) -> None:
     """The child. What it and the driver print goes to a file; Ctrl-C is for the parent."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     output = os.open(log, os.O_WRONLY | os.O_CREAT | os.O_APPEND)
     for stream in (sys.stdout, sys.stderr):
         os.dup2(output, stream.fileno())
+    # A crash then writes the Python functions that it happened in.
     faulthandler.enable()
-    measure_checks(work, checks, sending.send)
-    sending.send(Began(Check(checks[0].group, LEAVING)))
+    measure_checks(options, checks, sending.send)
+    # Tells the parent that all checks were measured: a driver may still crash while the process ends.
+    sending.send(CheckBegan(Check(checks[0].group, LEAVING)))
 
 
-def _watch(child: BaseProcess, receiving: Connection, tell: Tell, limit: float, log: Path) -> Death | None:
+def _watch(child: BaseProcess, receiving: Connection, send: Send, limit: float, log: Path) -> Death | None:
     """Pass the child's messages on until it ends or is too slow."""
     case, began = "", time.monotonic()
     while receiving.poll(max(began + limit - time.monotonic(), 0)):
@@ -82,9 +88,9 @@ def _watch(child: BaseProcess, receiving: Connection, tell: Tell, limit: float, 
                 return None
             ended, reason = _explain(child.exitcode)
             return Death(CRASH, ended, reason + _last_words(log), seconds)
-        if isinstance(message, Began):
+        if isinstance(message, CheckBegan):
             case, began = message.check.case, time.monotonic()
-        tell(message)
+        send(message)
     assert child.pid is not None
     os.kill(child.pid, signal.SIGABRT)  # makes faulthandler write where the child is
     child.join(_GRACE)
@@ -107,6 +113,7 @@ def _last_words(log: Path) -> str:
     text = log.read_text(encoding="utf-8", errors="replace") if log.exists() else ""
     said, _, trace = text.partition("Fatal Python error:")
     frames = [(Path(file), f"{name} ({Path(file).name}:{line})") for file, line, name in _FRAME.findall(trace)]
+    # Frames are listed from the innermost: the check, and what it called in the package.
     check = next((i for i, (file, _) in enumerate(frames) if file.stem.endswith("_checks")), len(frames) - 1)
     inside = [place for file, place in frames[:check] if _PACKAGE in file.parents]
     places = [place for _, place in frames[check : check + 1]] + inside[:1]

@@ -10,7 +10,7 @@ from contextlib import ExitStack
 import pytest
 
 from solari_vk.lab.conformance.groups import RAYS
-from solari_vk.lab.conformance.worker import Work, Worker
+from solari_vk.lab.conformance.worker import SuiteOptions, Worker
 
 
 @pytest.fixture(scope="session")
@@ -22,7 +22,7 @@ def worker_of() -> Iterator[Callable[[str], Worker]]:
         def find(group: str) -> Worker:
             rays = RAYS.get(group, "")
             if rays not in made:
-                made[rays] = stack.enter_context(Worker(Work(), group))
+                made[rays] = stack.enter_context(Worker(SuiteOptions(), group))
             return made[rays]
 
         yield find

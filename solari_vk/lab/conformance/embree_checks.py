@@ -16,6 +16,7 @@ from solari_vk.scene.matrices import transform_points
 
 SCENES = ("soup", "instanced", "mesh of a million")
 _NEAR = 1e-4  # share of the scene's extent; closer to an edge than this, either triangle may be the hit
+# Rays of one dispatch: enough to fill a GPU, few enough to fit into memory.
 _BATCH = 1 << 18
 
 
@@ -62,6 +63,7 @@ def measure(shaders: ShaderRunner, scene: str, count: int, small: bool = False) 
     middle = (low + high) / 2
     half = (high - low) / 2
     extent = float(np.linalg.norm(high - low))
+    # The reference sees all instances as one mesh in world space.
     oracle = embree_scene(corners)
     random = np.random.default_rng(16)
     unexcused = excused = 0

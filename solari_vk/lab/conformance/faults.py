@@ -48,6 +48,7 @@ def known_faults(driver: str, file: Path = FILE) -> list[Fault]:
 
 def find_end(faults: Iterable[Fault], check: Check, ended: str = "") -> Fault | None:
     """The known fault because of which a check doesn't finish. ended: only a fault that ends the check in this way."""
+    # A check that ends the process has no measured value to hold against a bar.
     told = (fault for fault in faults if fault.ends and fault.explains(check.rule, check.case))
     return next((fault for fault in told if ended in ("", fault.ends)), None)
 
@@ -55,6 +56,7 @@ def find_end(faults: Iterable[Fault], check: Check, ended: str = "") -> Fault | 
 def unexplained(faults: Iterable[Fault], outcomes: Iterable[Outcome]) -> list[Outcome]:
     """An error for each fault that no outcome of a whole run is about."""
     made = list(outcomes)
+    # Otherwise an entry would outlive the rule that it is about.
     unused = (fault for fault in faults if not any(fault.explains(o.rule, o.case) for o in made))
     reason = "no rule of that name: remove the entry, or mend it"
     return [Outcome(FILE.name, Rule(fault.rule, "", ""), ERROR, reason=reason) for fault in unused]

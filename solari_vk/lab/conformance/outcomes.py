@@ -84,6 +84,7 @@ class Row:
     def note(self) -> str:
         """The reason or the note of the worst outcome, with its case; empty for a rule that simply holds."""
         worst = self.worst
+        # Notes of drivers may hold control characters, which XML and terminals do not take.
         told = worst.reason or (worst.measurement.note if worst.measurement and worst.status != PASS else "")
         text = "".join(filter(str.isprintable, " ".join(told.split())))
         return f"{text} [{worst.case}]" if text and worst.case else text

@@ -54,6 +54,7 @@ def _corners(probe: Probe, which: str) -> np.ndarray | None:
     hit = probe.committed
     if hit is None or hit.kind != TRIANGLE or hit.primitive is None or probe.action != CONFIRM:
         return None
+    # The shader keeps the last candidate, so only a single one is known.
     if which == "candidate" and probe.candidates != 1:
         return None
     part = SHAPES[INSTANCES[probe.on].shape][hit.geometry]

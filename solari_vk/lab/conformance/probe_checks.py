@@ -49,6 +49,7 @@ def run_rays(
     shaders: ShaderRunner, structures: Structures, rays: np.ndarray, stage: str = STAGES[0]
 ) -> tuple[np.ndarray, np.ndarray]:
     """The answer of each ray in one of STAGES, and how often the debug build found each of rt.RULES broken."""
+    # The layout of glsl/scene/ray_query_debug.glsl: a count, and the first invocation.
     faults = np.zeros(len(rt.RULES), [("count", "<u4"), ("invocation", "<u4", 3)])
     inputs = {"tlas": structures.tlas, "probes": rays}
     outputs: dict[str, int | np.ndarray] = {"answers": len(rays)}
@@ -58,6 +59,7 @@ def run_rays(
         outputs["ray_query_faults"] = faults
         found = shaders.run("conformance/probe_debug", len(rays), inputs, outputs)
         return found["answers"], found["ray_query_faults"]["count"]
+    # One triangle that covers the picture, one pixel a ray: fragment shaders then ask the same rays.
     one_triangle = {"probe_draws": np.array([3, 1, 0, 0], np.uint32), "probe_draw_count": np.ones(1, np.uint32)}
     row = (len(rays), 1)
     found = shaders.run_steps(
@@ -93,6 +95,7 @@ def measure_probes(
 ) -> Iterator[Measurement]:
     """Measure all rules that the probes prove. `damage` changes the rays before they are sent, to seed bugs."""
     rays = probe_rays(shaders.element("conformance/probe", "probes"), probes)
+    # Answers are held against the undamaged rays.
     sent = rays.copy()
     if damage is not None:
         damage(sent)
@@ -260,6 +263,7 @@ class Checked:
         if expected.kind == TRIANGLE:
             t, barycentrics = self._intersect(expected.geometry, self._primitive(which, got))
             found["barycentrics"] = _error(got["barycentrics"], barycentrics, max(self._coarseness(), t))
+            # Rounding of the ray moves t by an absolute amount: for near hits the error is relative to that.
             found["t"] = _error(got["t"], t, max(self._coarseness(), t))
         elif expected.kind != AABB and expected.t is not None:
             found["t"] = _error(got["t"], expected.t, max(self._coarseness(), expected.t))

@@ -184,6 +184,7 @@ FLAGS = [
     Probe("boxes skipped, triangle", _no_boxes, "opaque", _HIT, flags=SKIP_AABBS),
 ]
 
+# Instance masks have eight bits; a ninth one of a ray must be ignored.
 _mask = ray_rule("cull_mask: hit when it shares a bit with the instance's mask")
 MASKS = [
     Probe("same bit", _mask, "mask 01", _HIT, mask=0x01),
@@ -198,8 +199,10 @@ MASKS = [
     Probe("bits beyond eight", _mask, "opaque", None, mask=0x100),
 ]
 
+# Both ends of the range are excluded.
 _least, _most = ray_rule("t_min: only points beyond it"), ray_rule("t_max: only points before it")
 _scale = ray_rule("dir: t is in units of its length")
+# Far more than the rounding of t, far less than anything else.
 _EDGE = 1e-5
 RANGE = [
     Probe("just beyond t_min", _least, "opaque", _HIT, t_min=2 - _EDGE),

@@ -38,6 +38,7 @@ def _stack(first: float = 0.0) -> NDArray[np.float64]:
 
 
 _UNIT_BOXES = np.array([[(2 * i, 0, 0), (2 * i + 1, 1, 1)] for i in range(3)], np.float64)
+# Transforms of geometries: the one mirrors, the other moves.
 _MIRROR = np.array([(-1, 0, 0, 2), (0, 1, 0, 0), (0, 0, 1, 0)], np.float64)
 _MOVE = np.array([(1, 0, 0, 4), (0, 1, 0, 0), (0, 0, 1, 0.5)], np.float64)
 
@@ -59,6 +60,7 @@ SHAPES: dict[str, tuple[Triangles | Boxes, ...]] = {
 }
 
 _TURN = np.array([(0.6, 0, 0.8), (0, 1, 0), (-0.8, 0, 0.6)])
+# Columns of different lengths that are not orthogonal: neither transpose nor column lengths invert it.
 _SHEAR = np.array([(2.0, 0.5, 0.0), (0.0, 0.75, -0.25), (0.0, 0.0, 0.5)])
 
 
@@ -105,11 +107,14 @@ def _instances() -> dict[str, Placement]:
     }
     found: dict[str, Placement] = {}
     for place, (label, fields) in enumerate(told.items()):
+        # Each instance is 10 to the right of the last one, with other heights and depths, so that a wrong translation
+        # moves hits.
         matrix = np.zeros((3, 4))
         matrix[:, :3] = linear.get(label, np.eye(3))
         matrix[:, 3] = 10 * place, place % 3, -(place % 5)
         if label == "wall in boxes":  # halfway up the boxes, so that one ray meets both
             matrix[:, 3] = found["boxes over a wall"].transform[:, 3] + (0, 0, 0.5)
+        # Custom indices differ from instance indices, so that a driver that confuses them is found out.
         default = {"shape": "opaque", "custom": 3 * place + 1}
         found[label] = Placement(**{**default, **fields}, transform=matrix)  # type: ignore[arg-type]
     return found

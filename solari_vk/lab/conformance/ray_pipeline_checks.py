@@ -48,6 +48,7 @@ def measure_records(shaders: ShaderRunner, damage: Damage | None = None) -> Iter
     # The second half of the misses has a bit beyond the 16 that count.
     misses = np.arange(2 * _MISSES) % _MISSES
     rays["miss"][len(cases) :] = misses + 0x10000 * (np.arange(2 * _MISSES) // _MISSES)
+    # The formula of the Vulkan specification, Shader Binding Table, Hit Shader Binding Table Indexing.
     wanted = _NUMBERS[np.array(_OFFSETS)[instance] + offset % 16 + geometry * (stride % 16)]
     if damage is not None:
         damage(rays)
@@ -61,6 +62,7 @@ def measure_records(shaders: ShaderRunner, damage: Damage | None = None) -> Iter
     with Structures(shaders.device, {"row": parts}, placed, own_records=True) as structures:
         found = shaders.run_steps([step], {"tlas": structures.tlas, "record_rays": rays}, {"records_run": len(rays)})
     run = found["records_run"]
+    # Rays whose offset or stride has a fifth bit prove another rule.
     large = (offset > 15) | (stride > 15)
     labels = [f"instance {i}, geometry {g}, offset {o}, stride {s}" for i, g, o, s in cases]
     wrong = run[: len(cases)] != wanted
@@ -187,6 +189,7 @@ def measure_reports(shaders: ShaderRunner, damage: Damage | None = None) -> Iter
     files = (f"{_FOLDER}/report.{suffix}" for suffix in ("rchit", "rahit", "rint"))
     step = RayPass("conformance/report", threads=len(rays), misses=[f"{_FOLDER}/report.rmiss"], hits=[HitGroup(*files)])
     # The box reaches far enough for rays with a large Tmin to meet it, and no report depends on where it is.
+    # Boxes of the second shape lie behind each other, 2 apart.
     box, several = (
         np.array([[(x, 0, low - 2 * i), (x + 1, 1, 1 - 2 * i)] for i in range(count)])
         for x, low, count in ((0, -1000, 1), (2, 0, 3))

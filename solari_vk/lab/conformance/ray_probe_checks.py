@@ -154,8 +154,10 @@ def measure_probes(
     sent = rays.copy()
     if damage is not None:
         damage(sent)
+    # A shader with the flags for triangles and AABBs needs the feature, even where no ray has them.
     name = "conformance/probe_culling" if culling else "conformance/probe"
     step = RayPass(name, threads=len(rays), misses=[f"{_FOLDER}.rmiss"], hits=_HITS)
+    # Rays that run no shader at all must be told from those that do: zeros are "not run".
     before = np.zeros(len(rays), shaders.element("conformance/probe.rgen", "ray_answers"))
     inputs = {"tlas": structures.tlas, "probes": sent}
     answers = shaders.run_steps([step], inputs, {"ray_answers": before})["ray_answers"]

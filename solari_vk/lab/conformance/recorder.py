@@ -12,17 +12,17 @@ _GONE = "known_faults.toml lists this rule as failing, but {}: remove the entry"
 
 
 class Recorder:
-    """The `rule` of a check: each outcome goes to `tell` as soon as it is measured."""
+    """The `rule` of a check: each outcome goes to `send` as soon as it is measured."""
 
-    def __init__(self, check: Check, faults: Sequence[Fault], tell: Callable[[Outcome], None]) -> None:
+    def __init__(self, check: Check, faults: Sequence[Fault], send: Callable[[Outcome], None]) -> None:
         self._check = check
         self._faults = faults
-        self._tell = tell
+        self._send = send
         self._count = 0
 
     def _add(self, rule: Rule, status: str, made: Measurement | None = None, reason: str = "", ended: str = "") -> None:
         self._count += 1
-        self._tell(Outcome(self._check.group, rule, status, self._check.case, made, reason, ended))
+        self._send(Outcome(self._check.group, rule, status, self._check.case, made, reason, ended))
 
     def __call__(self, measured: Measurement | Iterable[Measurement]) -> None:
         """Record one or more measurements."""
@@ -57,6 +57,7 @@ class Recorder:
 
     def died(self, status: str, ended: str, reason: str) -> None:
         """Record that the driver crashed or hung, or lost its device (status), and how: a FAULT if it is listed."""
+        # Only the listed end is known: a hang is none where the list says that the check crashes.
         fault = find_end(self._faults, self._check, ended)
         self._add(self._check.rule, FAULT if fault else status, None, fault.evidence if fault else reason, ended)
 

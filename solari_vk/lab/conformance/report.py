@@ -46,6 +46,7 @@ class Report:
             f" ({sum(os.times()[:4]):.0f} s of processor time)",
             "result": ("interrupted; " if interrupted else "") + self.verdict(),
         }
+        # By group, since single checks are many and short.
         taken: Counter[str] = Counter()
         for check, value in spent.items():
             taken[check.group] += value  # type: ignore[assignment]
@@ -75,6 +76,7 @@ class Report:
         shared: dict[tuple[str, ...], list[Row]] = {}
         for row in self.rows:
             if row.note and row.status in statuses:
+                # One missing feature leaves out many rules: they share a line. Other notes stay with their rule.
                 key = (row.group, row.note) if row.status == UNSUPPORTED else (row.group, row.note, row.rule.name)
                 shared.setdefault(key, []).append(row)
         return [

@@ -9,7 +9,7 @@ from solari_vk.lab.conformance.children import Death
 from solari_vk.lab.conformance.faults import Fault, unexplained
 from solari_vk.lab.conformance.outcomes import ERROR, STATUSES, Check, Outcome
 from solari_vk.lab.conformance.recorder import Recorder
-from solari_vk.lab.conformance.worker import OPENING, Began, Ended, Message, Opened
+from solari_vk.lab.conformance.worker import OPENING, CheckBegan, CheckEnded, DeviceOpened, Message
 
 
 class Results:
@@ -29,26 +29,28 @@ class Results:
         self._current = Check("", "")
         self._first = 0  # the current check's first outcome
 
-    def take(self, message: Message) -> None:
+    def receive(self, message: Message) -> None:
         """Take a message. Raises the error for which the first process can't open its device or prepare the checks."""
         match message:
-            case Opened():
+            case DeviceOpened():
                 self.facts = self.facts or message.facts
+                # Groups may open the device for another way to trace; the head of the report names each once.
                 first, *others = self.facts["rays"].split("; ")
                 other = f"{self._current.group} {message.facts['rays']}"
                 if message.facts["rays"] != first and other not in others:
                     self.facts["rays"] += f"; {other}"
                 self._faults = message.faults
-            case Began():
+            case CheckBegan():
                 self._current, self._first = message.check, len(self.outcomes)
             case Outcome():
                 self._add(message)
             case SolariError():
+                # Without a device there is nothing to report; later processes may fail where the first one did not.
                 if self._current.case == OPENING and not self.facts:
                     raise message
                 group, case, _ = self._current
                 self._add(Outcome(group, self._current.rule, ERROR, case, reason=str(message)))
-            case Ended():
+            case CheckEnded():
                 self._end(message.seconds)
 
     def died(self, death: Death) -> None:
@@ -64,6 +66,7 @@ class Results:
             group: [case for case in cases if Check(group, case) not in self.seconds]
             for group, cases in self._groups.items()
         }
+        # After a part of the suite a fault may be about a rule that was not measured.
         if self.facts and not any(left.values()):
             self.outcomes += unexplained(self._faults, self.outcomes)
         told = [

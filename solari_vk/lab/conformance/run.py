@@ -15,7 +15,7 @@ from solari_vk.lab.conformance.children import measure_in_child
 from solari_vk.lab.conformance.outcomes import RED, Check
 from solari_vk.lab.conformance.report import Report
 from solari_vk.lab.conformance.results import Results
-from solari_vk.lab.conformance.worker import Work, measure_checks
+from solari_vk.lab.conformance.worker import SuiteOptions, measure_checks
 
 TIME_LIMIT = 600.0  # seconds for a check; ten times as many with --full
 _LONGEST = 1_000_000  # seconds; a pipe can be polled for 2**31 ms
@@ -23,7 +23,7 @@ _MOST_PARTS = 3  # that may end in a crash or hang before the other parts of the
 
 
 def run(
-    work: Work,
+    options: SuiteOptions,
     *,
     only: Sequence[str] = (),
     time_limit: float | None = None,
@@ -37,24 +37,25 @@ def run(
     Ctrl-C and SIGTERM end the run, but not the report. Raises SolariError for wrong arguments or variables,
     DeviceError when no device fits.
     """
-    groups = importlib.import_module(work.table).GROUPS
+    groups = importlib.import_module(options.table).GROUPS
     _check_arguments(groups, only, time_limit, (junit, markdown, html))
     started = time.monotonic()
     results = Results(groups)
-    limit = None if in_process else time_limit or TIME_LIMIT * (10 if work.full else 1)
+    # A check can only be ended with its process.
+    limit = None if in_process else time_limit or TIME_LIMIT * (10 if options.full else 1)
     # SIGTERM ends the run as Ctrl-C does, so that the report is written then too.
     previous_handler = signal.signal(signal.SIGTERM, signal.default_int_handler)
     interrupted = False
     try:
         for group in only or groups:
-            _run_group(work, [Check(group, case) for case in groups[group]], results, limit)
+            _run_group(options, [Check(group, case) for case in groups[group]], results, limit)
     except KeyboardInterrupt:
         interrupted = True
     finally:
         signal.signal(signal.SIGTERM, previous_handler)
     left_out = results.finish()
     seconds = time.monotonic() - started
-    report = Report(results.facts, results.outcomes, work.full, seconds, results.seconds, left_out, interrupted)
+    report = Report(results.facts, results.outcomes, options.full, seconds, results.seconds, left_out, interrupted)
     print(f"\n{report.text()}")
     for path, text in ((junit, report.junit), (markdown, report.markdown), (html, report.html)):
         if path is not None:
@@ -76,14 +77,14 @@ def _check_arguments(
             check_writable(file)
 
 
-def _run_group(work: Work, checks: list[Check], results: Results, limit: float | None) -> None:
+def _run_group(options: SuiteOptions, checks: list[Check], results: Results, limit: float | None) -> None:
     """Measure the checks of a group, in a new process after each that ends in a crash or hang or loses the device.
 
     Such a check is measured again by its parts, if it has any, each of which can end in the same way."""
-    parts_of = importlib.import_module(work.table).parts
+    parts_of = importlib.import_module(options.table).parts
     parts_lost: Counter[str] = Counter()
     while checks:
-        _measure_apart(work, checks, results, limit)
+        _measure_apart(options, checks, results, limit)
         left = [check for check in checks if check not in results.seconds]
         if len(left) == len(checks):
             return  # no device could be opened
@@ -100,11 +101,11 @@ def _run_group(work: Work, checks: list[Check], results: Results, limit: float |
         checks = left
 
 
-def _measure_apart(work: Work, checks: Sequence[Check], results: Results, limit: float | None) -> None:
+def _measure_apart(options: SuiteOptions, checks: Sequence[Check], results: Results, limit: float | None) -> None:
     """Measure checks up to one that ends the process: in a child, or in this process without a limit."""
     if limit is None:
-        measure_checks(work, checks, results.take)
+        measure_checks(options, checks, results.receive)
         return
-    death = measure_in_child(work, checks, results.take, limit)
+    death = measure_in_child(options, checks, results.receive, limit)
     if death is not None:
         results.died(death)

@@ -75,6 +75,7 @@ def measure_build_modes(shaders: ShaderRunner, damage: Damage | None = None) -> 
     right = hits.pop(FRESH)
     documents = {"compacted": (WGPU, _COMPACTION)}
     for mode, found in hits.items():
+        # Another order of the triangles rounds differently.
         same_t = np.abs(found["t"] - right["t"]) <= 1e-5 * np.abs(right["t"])
         keys = ("custom_data", "instance", "geometry", "primitive")
         same = np.logical_and.reduce([found[key] == right[key] for key in keys])
@@ -124,6 +125,7 @@ def measure_formats(shaders: ShaderRunner) -> Iterator[Measurement]:
 
 def measure_indices(shaders: ShaderRunner, damage: Damage | None = None) -> Iterator[Measurement]:
     """Each bit of custom_data (24) and of masks (8) by itself."""
+    # Each bit alone, none, all, and two patterns.
     customs = [1 << bit for bit in range(24)] + [0, 0xFFFFFF, 0xAAAAAA, 0x555555]
     masks = [1 << bit for bit in range(8)]
     fields = [(custom, 0xFF) for custom in customs] + [(0, mask) for mask in masks]
@@ -150,6 +152,7 @@ def measure_nothing(shaders: ShaderRunner) -> Iterator[Measurement]:
         "one": [Triangles(_FLAT)],
     }
     random = np.random.default_rng(22)
+    # Rays straight down, inside of the only triangle that is hit.
     origins = np.stack([*random.uniform(0.05, 0.9, (2, 64)), np.ones(64)], axis=1)
     cases: dict[str, list[Placement]] = {name: [Placement(name)] for name in shapes}
     cases |= {"no instances": [], "inactive": [Placement("one", active=False)], "mask 0": [Placement("one", mask=0)]}
@@ -203,6 +206,7 @@ def measure_many_blases(shaders: ShaderRunner, count: int) -> Iterator[Measureme
     cases = (("one batch", 1 << 28, FRESH), ("many batches", 1 << 12, FRESH), ("compacted", 0, COMPACTED))
     for name, budget, mode in cases:
         with Structures(shaders.device, shapes, placed, mode) as structures:
+            # The compacted structures are used as they are; the others are built again, in batches of this size.
             if budget:
                 build_blases(shaders.device, list(structures.blases.values()), compact=False, scratch_budget=budget)
                 addresses = {key: blas.address for key, blas in structures.blases.items()}
@@ -219,6 +223,7 @@ def measure_tlas_rebuilds(shaders: ShaderRunner, damage: Damage | None = None) -
     wrong = []
     with Structures(shaders.device, _ONE, placed) as structures:
         addresses = {"one": structures.blases["one"].address}
+        # Fewer instances, none, others, and all again, in the memory of the first build.
         for step, chosen in enumerate((range(64), range(10), range(0), range(20, 60, 3), range(64))):
             members: Sequence[int] = list(chosen)
             records = instance_records([placed[i] for i in members], addresses)

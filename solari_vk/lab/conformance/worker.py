@@ -14,18 +14,19 @@ from pathlib import Path
 from solari_vk.base.errors import SolariError
 from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.device.rays import AUTO
-from solari_vk.lab.conformance.cases import Run
+from solari_vk.lab.conformance.cases import CheckContext
 from solari_vk.lab.conformance.faults import Fault, known_faults
 from solari_vk.lab.conformance.outcomes import LOST, Check, Outcome
 from solari_vk.lab.conformance.recorder import Recorder
 from solari_vk.lab.page import device_facts, host_load
 from solari_vk.lab.shader_runner import ShaderRunner
 
+# The cases under which errors outside of checks are reported.
 OPENING, CLOSING = "opening the device", "closing the device"
 
 
 @dataclass(frozen=True)
-class Work:
+class SuiteOptions:
     """What checks are measured with: the device that `select` names, the profile, the way to trace rays (see `Device`),
     and the module that has GROUPS, RAYS and parts."""
 
@@ -36,14 +37,14 @@ class Work:
 
 
 @dataclass(frozen=True)
-class Began:
+class CheckBegan:
     """A check begins."""
 
     check: Check
 
 
 @dataclass(frozen=True)
-class Ended:
+class CheckEnded:
     """A check reached its end after so many seconds."""
 
     check: Check
@@ -51,7 +52,7 @@ class Ended:
 
 
 @dataclass(frozen=True)
-class Opened:
+class DeviceOpened:
     """The device is open: the head of the report, and the known faults of the driver."""
 
     facts: dict[str, str]
@@ -59,8 +60,8 @@ class Opened:
 
 
 # The error is the reason why the device can't be opened, prepared or closed.
-Message = Began | Ended | Opened | Outcome | SolariError
-Tell = Callable[[Message], None]
+Message = CheckBegan | CheckEnded | DeviceOpened | Outcome | SolariError
+Send = Callable[[Message], None]
 
 
 class Worker:
@@ -68,22 +69,24 @@ class Worker:
 
     Raises DeviceError when no device fits, SolariError for a wrong SOLARI_VK_RAYS or known_faults.toml."""
 
-    def __init__(self, work: Work, group: str) -> None:
-        table = importlib.import_module(work.table)
+    def __init__(self, options: SuiteOptions, group: str) -> None:
+        table = importlib.import_module(options.table)
         self._open = ExitStack()
-        self.device = self._open.enter_context(_open_device(work, table.RAYS.get(group, AUTO)))
+        self.device = self._open.enter_context(_open_device(options, table.RAYS.get(group, AUTO)))
         self.faults = known_faults(f"{self.device.properties.driver} {self.device.name}")
         self._shaders = self._open.enter_context(ShaderRunner(self.device))
-        self._full = work.full
+        self._full = options.full
         self._groups = table.GROUPS
 
-    def measure(self, check: Check, tell: Callable[[Outcome], None]) -> None:
+    def measure(self, check: Check, send: Callable[[Outcome], None]) -> None:
         """Measure one check. An error that it raises becomes an outcome."""
-        rule = Recorder(check, self.faults, tell)
+        rule = Recorder(check, self.faults, send)
         try:
-            rule(self._groups[check.group][check.case](Run(rule, self._shaders, self._full, check.part)))
+            rule(self._groups[check.group][check.case](CheckContext(rule, self._shaders, self._full, check.part)))
+            # What the check has submitted must end within it, and messages of the validation layer are about it.
             self.device.wait_idle()
             self.device.check_messages()
+        # Whatever a check raises is its outcome: the other checks must still be measured.
         except Exception as error:
             if self.device.lost:
                 rule.died(LOST, "VK_ERROR_DEVICE_LOST", _describe(error))
@@ -103,33 +106,35 @@ class Worker:
         self.close()
 
 
-def measure_checks(work: Work, checks: Sequence[Check], tell: Tell) -> None:
+def measure_checks(options: SuiteOptions, checks: Sequence[Check], send: Send) -> None:
     """Open the device, measure checks of one group up to one that loses the device, and close the device."""
     group, worker = checks[0].group, None
-    with _telling(Check(group, OPENING), tell):
-        worker = Worker(work, group)
-        tell(Opened(_facts(worker.device), worker.faults))
+    with _announced(Check(group, OPENING), send):
+        worker = Worker(options, group)
+        send(DeviceOpened(_facts(worker.device), worker.faults))
     if worker is None:
         return
     try:
         for check in checks:
-            with _telling(check, tell):
-                worker.measure(check, tell)
+            with _announced(check, send):
+                worker.measure(check, send)
+            # No further check can be measured by a lost device; the parent starts a new process.
             if worker.device.lost:
                 break
     finally:
-        with _telling(Check(group, CLOSING), tell):
+        with _announced(Check(group, CLOSING), send):
             worker.close()
 
 
-def _open_device(work: Work, rays: str) -> Device:
+def _open_device(options: SuiteOptions, rays: str) -> Device:
     """The device, opened for this way to trace rays if it has it and the user didn't choose one."""
-    device = Device(work.select, rays=work.rays)
-    chosen = work.rays or os.environ.get("SOLARI_VK_RAYS") or AUTO
+    # The first device is needed to learn what it lacks; opening it again costs little.
+    device = Device(options.select, rays=options.rays)
+    chosen = options.rays or os.environ.get("SOLARI_VK_RAYS") or AUTO
     if chosen != AUTO or rays in (AUTO, device.rays) or device.missing_rays[rays]:
         return device
     device.close()
-    return Device(work.select, rays=rays)
+    return Device(options.select, rays=rays)
 
 
 def _facts(device: Device) -> dict[str, str]:
@@ -143,15 +148,15 @@ def _facts(device: Device) -> dict[str, str]:
 
 
 @contextmanager
-def _telling(check: Check, tell: Tell) -> Iterator[None]:
-    """Tell when a check begins, what it raises, and when it ends."""
+def _announced(check: Check, send: Send) -> Iterator[None]:
+    """Send when a check begins, what it raises, and when it ends."""
     started = time.monotonic()
-    tell(Began(check))
+    send(CheckBegan(check))
     try:
         yield
     except SolariError as error:
-        tell(error)
-    tell(Ended(check, time.monotonic() - started))
+        send(error)
+    send(CheckEnded(check, time.monotonic() - started))
 
 
 def _describe(error: Exception) -> str:

@@ -55,5 +55,6 @@ def plain_tracer(
     stage = Stage("plain", buffers={"plain_distances": count}, passes=[Pass("bare_rays/trace", threads=count)])
     with SceneFrame(device, binder, [stage], external=buffers) as frame:
         yield frame
+    # The frame is closed before its buffers are destroyed.
     for buffer in buffers.values():
         buffer.destroy()

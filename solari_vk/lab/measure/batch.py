@@ -157,6 +157,7 @@ def _measured(device: Device, count: int, row: Row) -> tuple[str, ...]:
 
     given = {"together": row.together, "many": row.many, "alone": row.alone, "one": row.one}
     works: dict[str, Work] = {name: partial(until_done, work) for name, work in given.items() if work is not None}
+    # The same frames without `render_many`.
     works["in a row"] = partial(until_done, row.together, AT_ONCE)
     for work in works.values():
         warm(device, work, 2, 0.2)
@@ -164,6 +165,7 @@ def _measured(device: Device, count: int, row: Row) -> tuple[str, ...]:
     rounds = [[seconds(work) for work in works.values()] for _ in range(ROUNDS)]
     times = dict(zip(works, np.transpose(rounds), strict=True))
     together = times["together"]
+    # The device is idle before each call, so that the call waits for nothing.
     host = []
     for _ in range(HOST_ROUNDS):
         device.wait_idle()
@@ -175,6 +177,7 @@ def _measured(device: Device, count: int, row: Row) -> tuple[str, ...]:
         alone = f"{count / np.median(times['alone']):,.1f}"
         ratio = f"{np.median(times['alone'] / together):.2f}"
     many = (f"{np.median(AT_ONCE * together / times[name]):.2f}" for name in ("in a row", "many"))
+    # Per pixel, since the grid of views may have fewer pixels than the batch.
     one = "-"
     if "one" in times:
         columns, rows = _grid(count)
@@ -295,6 +298,7 @@ def _rows_of_worlds(asked: _Asked) -> Rows:
 
         def render() -> None:
             for name, place in places.items():
+                # Along x and z: blocks stay on the floor.
                 place[:, ::2, 3] += rng.uniform(-1e-3, 1e-3, (count, 2))
                 batch.transforms[name] = place
             batch.render(poses, vertical_fov=fov, samples=asked.samples)

@@ -27,6 +27,7 @@ def character(vertices: int = 20_000, joints: int = 24) -> Scene:
     instance = Instance(mesh=skin, material=matte((0.7, 0.3, 0.2)), joint_matrices=np.tile(np.eye(4), (joints, 1, 1)))
     rig.attach_skin(instance, range(joints), rest, np.linalg.inv(rest))
     times = np.linspace(0, 2, 25)
+    # Quaternions have half of the angle. Each joint sways a little later than the one below it.
     halves = [0.08 * np.sin(math.pi * times - 0.25 * joint) for joint in range(joints)]  # of the turns, in radians
     keys = [np.stack([0.5 * np.sin(half), 0 * half, np.sin(half), np.cos(half)], axis=1) for half in halves]
     channels = [Channel(joint, "rotation", times.tolist(), values) for joint, values in enumerate(keys)]
@@ -51,11 +52,13 @@ def _tentacle(vertices: int, joints: int) -> tuple[Mesh, NDArray[np.float64]]:
     heights, angles = np.linspace(0, 1, vertices // around), 2 * math.pi * np.arange(around) / around
     y, angle = (part.reshape(-1) for part in np.meshgrid(heights, angles, indexing="ij"))
     out = np.stack([np.cos(angle), 0.1 + 0 * y, np.sin(angle)], axis=1)
+    # The radius falls to a seventh at the tip: the root of 1 - 0.98 y.
     positions = 0.18 * np.sqrt(1 - 0.98 * y)[:, None] * out * (1, 0, 1) + HEIGHT * y[:, None] * (0, 1, 0)
     ring = (np.arange(len(heights) - 1)[:, None] * around).repeat(around, axis=1).ravel()
     slot = np.tile(np.arange(around), len(heights) - 1)
     a, b = ring + slot, ring + (slot + 1) % around
     triangles = np.concatenate([np.stack([a, a + around, b], 1), np.stack([b, a + around, b + around], 1)])
+    # A vertex belongs to the joint below it and to the one above it, by its height between them.
     first = np.minimum((y * (joints - 1)).astype(int), joints - 2)
     share = y * (joints - 1) - first
     skin = Deformation(joints=np.stack([first, first + 1], 1), joint_weights=np.stack([1 - share, share], 1))

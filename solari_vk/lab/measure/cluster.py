@@ -128,8 +128,10 @@ def _measure(
             stack.callback(process.join)
             stack.callback(line.send, False)
             lines.append(line)
+        # Both sides are warm before the first round.
         for line in lines:
             line.recv()  # it has compiled its shaders
+        # Enough tasks that each worker gets one.
         _finish(pool.map(scene, tasks[: 4 * count]))
         apart, together = [], []
         for _ in range(ROUNDS):
@@ -138,6 +140,7 @@ def _measure(
                 line.send(True)
             spent = sum(line.recv() for line in lines)
             apart.append((time.perf_counter() - started, spent))
+            # The pool's own processes count too: what they spend is lost for rendering.
             before, started = _spent(pool), time.perf_counter()
             _finish(pool.map(scene, tasks))
             together.append((time.perf_counter() - started, _spent(pool) - before))
@@ -185,6 +188,7 @@ async def _simulate(count: int) -> tuple[float, float]:
             [sys.executable, "-m", "distributed.cli.dask_scheduler", *options], stderr=subprocess.DEVNULL
         )
         try:
+            # The scheduler writes the file when it can be reached.
             while not os.path.exists(file):
                 await asyncio.sleep(0.1)
             async with Client(scheduler_file=file, asynchronous=True) as client:

@@ -103,6 +103,7 @@ def _motion(ours: Result, folder: Path, limit: float, child: Path) -> tuple[floa
 
 def rows(found: Comparison, motion: tuple[float, float] | str) -> list[list[str]]:
     """The cells below HEAD."""
+    # The ratio to ours is that of raw pictures.
     table = []
     ours = _seconds(found.results[OURS], COARSE)
     for name, result in found.results.items():

@@ -73,6 +73,7 @@ def measured(device: Device, scene: Scene, views: int, size: tuple[int, int]) ->
     binder = SceneBinder(device, scene)
     found = {}
     try:
+        # Closed also after an error, so that the last renderer is.
         with closing(_works(device, binder, views, size)) as works:
             for name, work in works:
                 warm(device, work, 2, 0.2)
@@ -114,6 +115,7 @@ def _works(
     with RayTracer(device, binder) as rays:
         yield "silhouettes", each(lambda camera: sv.silhouettes(rays, camera, size))
         yield "boxes in space", each(lambda camera: sv.boxes_3d(scene.instances, camera, size))
+        # The flow of the last view is that to the first one.
         following = dict(zip(map(id, cameras), [*cameras[1:], cameras[0]], strict=True))
         yield "optical flow", each(lambda camera: sv.optical_flow(rays, (camera, following[id(camera)]), size))
     sensor = sv.Sensor()

@@ -150,6 +150,7 @@ def _scenes_and_cases(scenes: Sequence[Scene], plan: _Plan) -> Iterator[tuple[Sc
 def cases(scene: Scene, size: tuple[int, int], frames: int) -> Iterator[Case]:
     camera = scene.camera_for(size[0] / size[1])
     yield Case("still", lambda frame: camera, LOOKS)
+    # The last frame looks as the camera does, so that all sizes of motion end at the same picture.
     pixel = camera.vertical_fov / size[1]
     yield Case("camera turns", lambda frame: _turned(camera, (frame - frames + 1) * TURN * pixel), [frames])
     # An orbit swings; its first quarter is nearly even, and ends at the widest angle.
@@ -210,6 +211,7 @@ def path_traced(
     device: Device, scene: Scene, camera: Camera, size: tuple[int, int], samples: int, kept: Path | None
 ) -> Picture:
     """Two pictures (2, h, w, 3) of the path tracer, with half of the samples each."""
+    # What a kept reference depends on, beside the scene, which the name of the file has.
     view = np.array([*camera.transform.ravel(), camera.vertical_fov, samples])
     kept_picture = np.load(kept) if kept is not None and os.path.isfile(kept) else None
     if kept_picture is not None and "references" in kept_picture and np.array_equal(kept_picture["view"], view):
@@ -230,6 +232,7 @@ def _add_oidn(device: Device, scene: Scene, camera: Camera, runs: Sequence[Seque
     if not oidn.is_installed():
         return
     height, width = runs[0][0].raw.shape[:2]
+    # OIDN+ shows what better guides would give: these have less noise than any frame has.
     with PathTracer(device, scene, (width, height), seed=REFERENCE_SEED) as tracer:
         view = Projection.of(camera, (width, height))
         clean = tracer.first_hits.read_means(("albedo", "shading_normal"), view, (width, height))
@@ -245,6 +248,7 @@ def _guides(frame: RenderedFrame) -> tuple[Picture, Picture]:
         np.asarray(frame[f"guides_{name}"], np.float64)[..., :3]
         for name in ("diffuse_albedo", "specular_albedo", "normal_roughness")
     ]
+    # OIDN takes one albedo: that of all light that a surface reflects.
     return parts[0] + parts[1], parts[2]
 
 

@@ -187,6 +187,7 @@ def show_unlit_colors(scene: Scene) -> None:
 
 def aces(color: Colors) -> Colors:
     """The fit of ACES' transforms by Stephen Hill, as three.js has it: a factor of 1 / 0.6 comes first."""
+    # Stephen Hill's fit: sRGB to AP1 with its saturation, a rational curve, and back.
     inset = np.array(((0.59719, 0.35458, 0.04823), (0.07600, 0.90834, 0.01566), (0.02840, 0.13383, 0.83777)))
     outset = np.array(((1.60475, -0.53108, -0.07367), (-0.10208, 1.10813, -0.00605), (-0.00327, -0.07276, 1.07602)))
     x = np.minimum(color, 1e6) / 0.6 @ inset.T
@@ -196,11 +197,13 @@ def aces(color: Colors) -> Colors:
 
 def neutral(color: Colors) -> Colors:
     """Khronos PBR Neutral (2024): colors up to 0.8 stay as they are but for the 4 % of a dielectric's reflection."""
+    # Khronos PBR Neutral: compression starts at 0.8, and colors are 0.04 lower by then.
     start = 0.8 - 0.04
     least = color.min(axis=-1, keepdims=True)
     x = color - np.where(least < 0.08, least - 6.25 * least**2, 0.04)
     peak = x.max(axis=-1, keepdims=True)
     top = 1 - (1 - start) ** 2 / (np.maximum(peak, start) + 1 - 2 * start)
+    # Desaturation of what is brighter than white, by 0.15.
     share = 1 / (0.15 * (peak - top) + 1)
     compressed = x * (top / np.maximum(peak, start)) * share + top * (1 - share)
     return np.clip(np.where(peak < start, x, compressed), 0, 1).astype(np.float32)

@@ -158,6 +158,7 @@ def _cuts(
         ]
         first = [show(batch, places) for batch in batches]
         times = [[seconds(partial(show, batch, cameras)) for batch in batches] for cameras in earlier]
+        # Frames of as many cuts later have samples at the same positions again.
         last = [show(batch, places) for batch in batches]
         return list(zip(first, last, np.median(times, axis=0), strict=True))
 
@@ -171,6 +172,7 @@ def _later(renderer: Renderer, camera: Camera) -> NDArray[np.float32]:
 
 def _edges(ids: NDArray[Any], normals: NDArray[Any]) -> NDArray[np.bool_]:
     """The pixels of views (N, height, width) beside which another surface is seen."""
+    # Another instance beside a pixel, or a normal that is more than 26 degrees away.
     found = np.zeros(ids.shape, bool)
     for axis in (1, 2):
         for step in (-1, 1):

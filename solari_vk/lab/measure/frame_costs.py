@@ -65,12 +65,15 @@ def start_seconds(device: Device, *, cold: bool = True) -> dict[str, tuple[float
 
     found = {}
     with tempfile.TemporaryDirectory() as folder:
+        # An empty cache of ours too.
         caches = {**NO_DRIVER_CACHE, "SOLARI_VK_CACHE": folder}
         if cold:
             found["GLSL and pipelines"] = start(**caches)
+            # The compiled GLSL stays, as in an installed package.
             for file in Path(folder).glob("*.pipelines"):
                 file.unlink()
             found |= {"pipelines": start(**caches), "nothing": start(**caches)}
+    # Fills the driver's own cache.
     start()
     return found | {"nothing, and the driver has a cache": start()}
 
@@ -93,6 +96,7 @@ def memory(device: Device, small: tuple[int, int], large: tuple[int, int]) -> di
     pixels = [size[0] * size[1] for size in (small, large)]
     found: dict[str, tuple[float, ...]] = {}
     for name, size_bytes in sizes[0].items():
+        # Bytes are a line over pixels: its slope, and its value at none.
         slope = (sizes[1][name] - size_bytes) / (pixels[1] - pixels[0])
         stage = stage_of.get(name, "written by no pass")
         before = found.get(stage, (0.0, 0.0))

@@ -231,6 +231,7 @@ def _memory(device: Device, report: Report) -> None:
     stages = frame_costs.memory(device, (64, 64), (128, 128))
     slopes, fixed_bytes = map(sum, zip(*stages.values(), strict=True))
     rows = [[name, f"{slope:.1f}", f"{fixed / 1e6:.2f}"] for name, (slope, fixed) in sorted(stages.items())]
+    # Fixed bytes in MB, as in the rows above.
     rows.append(["all", *(f"{value:.2f}" for value in (slopes, fixed_bytes / 1e6))])
     report.table(
         "Memory of a frame",

@@ -75,6 +75,7 @@ def milliseconds(device: Device, scene: Scene, size: tuple[int, int], aim: float
     camera = scene.camera_for(size[0] / size[1])
     spent = []
     with Renderer(device, scene, size, Settings(frame_ms=aim), seed=SEED) as renderer:
+        # Each part begins with a cut; the first one lets the setting find its paths a pixel.
         for part in [WARM_UP] + CUTS * [frames // CUTS]:
             renderer.reset()
             for _ in range(part):

@@ -77,6 +77,7 @@ def frame_times(
 ) -> dict[str, float]:
     """Milliseconds of each pass, medians over frames after a warm-up; "frame" is the time from call to end."""
     spent: dict[str, list[float]] = defaultdict(list)
+    # Also fills cells and reservoirs, whose passes cost little in first frames.
     warm(renderer.device, lambda: renderer.render(camera), warm_up, warm_seconds)
     for _ in range(frames):
         spent["frame"].append(1e3 * device_seconds(renderer.device, lambda: renderer.render(camera)))
@@ -122,6 +123,7 @@ def against_bare_rays(renderer: Renderer, camera: Camera, rays: float, rounds: i
             paths.append(bare.run(index))
             first_rays.append(bare.run(index, bounces=0))
             frames.append(device_seconds(renderer.device, lambda: renderer.render(camera)))
+    # Without the camera rays: rays that start at surfaces, and their time.
     spent, traced = (np.median(paths, axis=0) - np.median(first_rays, axis=0)).tolist()
     if not (spent > 0 and traced > 0):
         return math.nan, math.nan

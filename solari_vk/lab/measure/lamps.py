@@ -46,8 +46,10 @@ def glitter(triangles: int, parts: int, light: float = 1.0, seed: int = 3) -> Sc
     """Double-sided triangles about 3 mm wide, strewn 3.5 to 4.5 m above a floor, in so many meshes. light: a factor."""
     rng = np.random.default_rng(seed)
     corners = rng.uniform((-10, 3.5, -10), (10, 4.5, 10), (triangles, 1, 3)) + rng.normal(0, 3e-3, (triangles, 3, 3))
+    # By the square of the floor that a triangle is in, so that each mesh is one region.
     columns = np.floor(corners[:, 0, [0, 2]] * np.sqrt(parts) / 20)
     corners = corners[np.lexsort(columns.T)]
+    # The power of all triangles together does not depend on their number.
     radiance = np.array((9e9, 7.5e9, 6e9), np.float32) * np.float32(light / triangles)
     material = Material(base_color=np.zeros(3, np.float32), emissive=radiance, double_sided=True)
     scene = Scene(name="glitter")
@@ -78,6 +80,7 @@ def _measured(device: Device, triangles: int, parts: int) -> tuple[str, ...]:
         halves = [picture(1000 + half, CONVERGED // 2) for half in range(2)]
         errors = [true_relative_mse(picture(seed, SAMPLES), *halves) for seed in range(SEEDS)]
 
+        # One mesh of several moves: what costs less where there are many.
         lamp = scene.instances["glitter 0"]
         lamp.transform = place(at=(0, 0.01, 0))
         moved = device_seconds(device, tracer.binder.update)

@@ -56,7 +56,9 @@ def measure(device: Device, path: Path) -> list[str]:
         held = device.memory.bytes_used
         binder.destroy()
         device.wait_idle()
+        # The difference is what the scene held; the device keeps memory of its own.
         held -= device.memory.bytes_used
+    # Materials share images; each counts once.
     pixels = {id(image): image.pixels.shape[0] * image.pixels.shape[1] for image in _images(scene)}
     triangles = sum(len(mesh.triangles) for mesh in set(scene.meshes))
     return [

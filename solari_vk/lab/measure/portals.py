@@ -109,6 +109,7 @@ def _trace(device: Device, scene: Scene, truths: Picture, samples: int, seeds: i
     """Errors of the path tracer's pictures (seeds,), and milliseconds of one."""
     errors, spent = [], []
     with PathTracer(device, scene, (truths.shape[2], truths.shape[1])) as tracer:
+        # Compiles, which would count for the first seed.
         tracer.render(samples=1)["radiance"]
         for seed in range(seeds):
             tracer.seed = SEED + seed

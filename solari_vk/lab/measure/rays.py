@@ -29,6 +29,7 @@ def run(device: Device, report: Report, seconds: float) -> None:
 
 def _blas(device: Device, report: Report, seconds: float, triangles: int) -> None:
     positions, indices = height_field(triangles)
+    # Arrays on the device, so that no upload is timed.
     buffers = [device.buffer(array.nbytes, "bench") for array in (positions, indices)]
     for buffer, array in zip(buffers, (positions, indices), strict=True):
         buffer.upload(array)
@@ -78,6 +79,7 @@ def _trace(device: Device, report: Report, seconds: float, name: str) -> None:
     with RayTracer(device, scene) as tracer, plain_tracer(device, tracer.binder, origins, directions) as plain:
         plain.submit()
         hits = tracer.trace(origins, directions)
+        # Kernels that find other hits must not be compared.
         if not np.array_equal(plain["plain_distances"], hits["t"]):
             raise SolariError(f"{name}: the compared kernels find different distances")
         works: list[Work] = [
@@ -102,5 +104,6 @@ def _run_kernel(tracer: RayTracer, batches: int) -> None:
     frame = tracer.frame(any_hit=False)
     frame.uniforms["ray_batch.count"] = BATCH
     for number in range(batches):
+        # The tracer's buffers hold two batches.
         frame.uniforms["ray_batch.first"] = number % 2 * BATCH
         frame.submit()

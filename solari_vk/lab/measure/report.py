@@ -24,6 +24,7 @@ class Report:
             check_writable(path)
         self._path = path
         self._started = time.perf_counter()
+        # The load of the machine is taken before the measurement adds to it.
         self._lines = head(title, intro, device_facts(device, host_load()))
         self._figures: list[tuple[str, str, str]] = []
 

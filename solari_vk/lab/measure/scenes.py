@@ -34,6 +34,7 @@ def from_file(path: Path) -> Scene:
     script, colon, argument = str(path).partition(".py:")
     scene = _from_script(Path(f"{script}.py"), Path(argument)) if colon else load_gltf(path)
     scene.name = Path(script).stem if colon else path.stem
+    # The lights of the studio stand about what the camera sees.
     camera = scene.camera_for(16 / 9)
     if not scene.lights and not any(item.material.emits for item in scene):
         studio_lights(scene, camera=camera)
@@ -77,6 +78,7 @@ def glowing(emissive: int, triangles: int = 100_000) -> Scene:
     """A floor under a square of `triangles`, of which `emissive` ones, evenly spread, emit the same power in all."""
     positions, indices = height_field(triangles)
     chosen = np.zeros(len(indices), bool)
+    # Evenly over the list, which is in spatial order, so evenly over the square.
     chosen[np.linspace(0, len(indices) - 1, min(emissive, len(indices))).round().astype(int)] = True
     lifted = positions + np.array((0, 1.5, 0), np.float32)
     floor = Mesh(

@@ -69,6 +69,7 @@ def _process(code: str) -> float:
         command = [sys.executable, "-c", program]
         return min(seconds(lambda: subprocess.run(command, check=True, capture_output=True)) for _ in range(5))
 
+    # Without the start of the interpreter itself.
     return best(code) - best("pass")
 
 
@@ -82,6 +83,7 @@ def _rays(device: Device, report: Report, name: str) -> None:
     ):
         tracer.render(scene.camera, samples=1)
         bare.run(0)
+        # Two sides share the time.
         until = time.perf_counter() + 2 * SECONDS
         while time.perf_counter() < until:
             kernel_seconds, kernel_rays = bare.run(tracer.samples)
@@ -135,6 +137,7 @@ def _crowd(device: Device, report: Report) -> None:
         spent.append((seconds(partial(pose, frame / 60)), seconds(binder.update)))
     device.wait_idle()
     binder.destroy()
+    # The first frames compile and allocate.
     posed, records = 1e3 * np.median(spent[8:], axis=0)
     report.figure(f"{CROWD} characters of 24 joints: play clips, assign poses", float(posed), "ms")
     report.figure(f"{CROWD} characters of 24 joints: records of their poses", float(records), "ms")

@@ -182,5 +182,6 @@ def _reach(
         finished = seconds + time.perf_counter() - begun
         if true_relative_mse(picture, *truths) <= error:
             return finished, count
+        # The next picture goes on from this one.
         count *= 2
     return None

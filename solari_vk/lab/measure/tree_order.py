@@ -37,20 +37,6 @@ INTRO = (
     "it. Fast build: in the renderers' order, with PREFER_FAST_BUILD. Not compacted: with no copy to a smaller "
     "structure. One mesh: all instances' triangles in one structure. Renderers: halves of least surface area.",
 )
-TRIED = (
-    "Tried on 2026-11-26 and not kept: a traversal of the renderer's own in storage buffers, one tree over all static "
-    "triangles by binned SAH, in place of ray queries. With paths of closest hits and a shadow ray each, and queries "
-    "in the renderers' order, it was 1.39 times as fast in cornell_box, .98 in many_lights, 1.06 in sphere_grid, 1.30 "
-    "in mirror_hall, 1.73 in FlightHelmet and 1.08 in a dungeon (four children, boxes of 8 bits, nearest first, nodes "
-    "by address); without a stack, by skip pointers for each octant, 1.56, .90, .85, 1.41, 1.55 and .91. Bound buffers "
-    "in place of addresses, float boxes, 16-bit boxes and sorted children were slower. The aim was 1.5 in three.",
-    "Also tried: empty places between triangles, so that halves may have unequal numbers (boxes 8 % smaller in some "
-    "meshes, larger in others); nine and thirteen directions to halve along (3 % smaller); boxes' sides in place of "
-    "centers (none). Large triangles can't be split: the builder's leaves are whole triangles.",
-    "Where Mesa 25.0 spends the time, by samples of its code: a fifth waits for the first word of a node; most of the "
-    "rest are 14 gathers a node and comparisons with NaN. Its builder ignores build flags, and its trees have one "
-    "triangle a leaf and two children a node.",
-)
 HEAD = ("scene", "as given", "by centers", "smaller half first", "fast build", "not compacted", "one mesh", "renderers")
 Order = Callable[..., NDArray[np.int64]]
 
@@ -59,6 +45,7 @@ def _by_centers(low: NDArray[Any], high: NDArray[Any] | None = None, larger: int
     """larger: 1 if the first half is the larger one, else 0."""
     centers = low if high is None else (low + high) / 2
     order = np.arange(len(centers))
+    # Runs of the order that are still to be halved.
     runs = [(0, len(centers))]
     while runs:
         first, end = runs.pop()
@@ -94,6 +81,7 @@ def one_mesh(scene: Scene) -> Scene:
     for instance in scene.instances:
         mesh = instance.ray_mesh or instance.mesh
         moved = mesh.positions @ instance.transform[:3, :3].T + instance.transform[:3, 3]
+        # A mirrored instance keeps its front by the other winding.
         turned = np.linalg.det(instance.transform[:3, :3]) < 0
         positions.append(moved)
         triangles.append(count + (mesh.triangles[:, ::-1] if turned else mesh.triangles))
@@ -134,7 +122,7 @@ def run(
             ours = found["renderers"]
             compared = [f"{rate:.2f} ({rate / ours:.2f})" for order, rate in found.items() if order != "renderers"]
             rows.append([name, *compared, f"{ours:.2f}"])
-        report.table(f"Scenes, {SIZE[0]}x{SIZE[1]}", HEAD, rows, *TRIED)
+        report.table(f"Scenes, {SIZE[0]}x{SIZE[1]}", HEAD, rows)
 
 
 def measure(device: Device, scene: Scene) -> dict[str, float]:

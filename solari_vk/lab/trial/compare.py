@@ -68,6 +68,7 @@ class Result:
     def mean_error(self) -> Picture:
         """The standard error (3,) of the means of red, green and blue, over the means."""
         first, second = (half.picture for half in self.halves)
+        # The halves estimate the variance of each pixel; pixels are independent.
         spread = np.sqrt(((first - second) ** 2).sum(axis=(0, 1))) / 2
         found: Picture = spread / np.maximum((first + second).sum(axis=(0, 1)) / 2, 1e-12)
         return found
@@ -106,6 +107,7 @@ def distance(first: Result, second: Result, exposure: float) -> Distance:
     The product of the differences of independent halves has no noise on average, so it may be a little below 0.
     """
     a, b = ([half.picture for half in result.halves] for result in (first, second))
+    # Noise of the first halves is independent of that of the second ones.
     product = (a[0] - b[0]) * (a[1] - b[1]) / squared_scale((first.picture + second.picture) / 2)
     ratio = first.picture.mean(axis=(0, 1)) / np.maximum(second.picture.mean(axis=(0, 1)), 1e-12)
     error = float((ratio * np.hypot(first.mean_error, second.mean_error)).max())

@@ -53,6 +53,7 @@ def _is_layered(material: Material) -> bool:
 
 def _has_parts_inside_out(mesh: Mesh) -> bool:
     """Whether some closed parts of a mesh face inwards where others face outwards."""
+    # Closed parts of a mesh have a volume, which is negative where they face inwards.
     corners = weld(mesh.positions)[mesh.triangles.astype(np.int64)]
     is_open = (neighbors(corners, np.ones(len(corners), bool)) < 0).reshape(-1, 3).any(axis=1)
     ends = corners[:, 1:].T.reshape(-1)

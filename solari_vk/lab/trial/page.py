@@ -220,6 +220,7 @@ def _summary_cells(distances: Sequence[Distance | None], results: Sequence[Resul
 
 def error_map(first: Picture, second: Picture) -> NDArray[np.uint8]:
     """Codes (height, width, 3): white where both are equal, red where the first is brighter, else blue."""
+    # The mean of the channels is enough to see where pictures differ.
     luminances = [picture.mean(axis=2, keepdims=True) for picture in (first, second)]
     relative = (luminances[0] - luminances[1]) / np.sqrt(squared_scale((luminances[0] + luminances[1]) / 2))
     share = np.clip(relative / MOST_SHOWN, -1, 1)

@@ -86,6 +86,7 @@ class Process:
         self._folder = folder
         self._limit = limit
         self._log = folder / f"{name}.log"
+        # Another Python has no solari_vk; only ours is given the path to it.
         environment = dict(os.environ)
         if kinds[name].package == OURS:
             environment["PYTHONPATH"] = os.pathsep.join(filter(None, (str(PACKAGES), environment.get("PYTHONPATH"))))
@@ -100,6 +101,7 @@ class Process:
                 start_new_session=True,  # Ctrl-C is for the parent, which ends its children
             )
         self._answers: queue.Queue[str] = queue.Queue()
+        # A thread, since reading from a pipe has no time limit on all platforms.
         threading.Thread(target=self._listen, daemon=True).start()
         try:
             self.loading: float = self._answer("while it loads the scene")["seconds"]
@@ -112,6 +114,7 @@ class Process:
         assert self._child.stdout is not None
         for line in self._child.stdout:
             self._answers.put(line)
+        # An empty line is no JSON: whoever waits learns that the process has ended.
         self._answers.put("")
 
     def render(self, samples: int, seed: int, denoise: bool = False) -> Render:

@@ -118,6 +118,7 @@ def measure(
     finally:
         shutil.rmtree(work, ignore_errors=True)
     if found.results:
+        # All pictures of a scene have one exposure, so that they can be compared.
         shown = found.results.get(OURS) or next(iter(found.results.values()))
         found.exposure = float(1 / (1.2 * np.exp2(auto_exposure(shown.picture))))
     return found

@@ -50,6 +50,7 @@ def write(item: TrialScene, conditions: Conditions, folder: Path) -> None:
             f"{item.file}: the trial has perspective and orthographic cameras without a lens or an "
             "offset: choose another --camera"
         )
+    # Renderers that read pictures and those that read arrays get the same map.
     environment = scene.environment
     job = {
         "file": str(item.file.resolve()),

@@ -36,6 +36,7 @@ def write(scene: Scene, folder: Path) -> None:
     for instance in (instance for instance in scene if instance.visible):
         material = instance.material
         mesh = arrays(instance)
+        # Meshes with the same arrays and material become one shape.
         group = groups.setdefault((materials.index(material), frozenset(mesh)), [])
         group += [mesh, behind(mesh)] if material.emits and material.double_sided else [mesh]
     shapes = []
@@ -55,6 +56,7 @@ def arrays(instance: Instance) -> dict[str, NDArray[Any]]:
     found = {"triangles": triangles.astype(np.uint32), "positions": transform_points(transform, mesh.positions)}
     if mesh.normals is not None:
         found["normals"] = unit(mesh.normals @ np.linalg.inv(transform[:3, :3]))
+    # Mitsuba has one set of uvs a mesh, and no transform of a texture's own.
     texture = leading_texture(instance.material)
     uvs = mesh.uvs_for(texture.uv_set if texture else 0)
     if uvs is not None:
@@ -69,6 +71,7 @@ def arrays(instance: Instance) -> dict[str, NDArray[Any]]:
 
 def joined(meshes: list[dict[str, NDArray[Any]]]) -> dict[str, NDArray[Any]]:
     """One mesh of several that have the same arrays."""
+    # Indices of a part count on from the vertices before it.
     firsts = np.cumsum([0, *(len(mesh["positions"]) for mesh in meshes[:-1])])
     parts = [
         {**mesh, "triangles": mesh["triangles"] + np.uint32(first)} for mesh, first in zip(meshes, firsts, strict=True)

@@ -13,7 +13,7 @@ from solari_vk.lab.conformance import probe_checks, worker
 from solari_vk.lab.conformance.cases import by
 from solari_vk.lab.conformance.outcomes import UNSUPPORTED, Check
 from solari_vk.lab.conformance.recorder import Recorder
-from solari_vk.lab.conformance.worker import Work, Worker
+from solari_vk.lab.conformance.worker import SuiteOptions, Worker
 
 
 @pytest.fixture(autouse=True)
@@ -21,12 +21,12 @@ def no_choice(any_device, monkeypatch):
     monkeypatch.delenv("SOLARI_VK_RAYS", raising=False)
 
 
-def told(work):
+def told(options):
     """How the device of ray queries traces, and why the probes by ray queries aren't measured on it."""
     outcomes = []
-    rule = Recorder(Check("ray_queries", "probes-fresh"), [], outcomes.append)
-    with Worker(work, "ray_queries") as opened:
-        assert not by("query", probe_checks.rules(), None)(SimpleNamespace(rule=rule, device=opened.device))
+    recorder = Recorder(Check("ray_queries", "probes-fresh"), [], outcomes.append)
+    with Worker(options, "ray_queries") as opened:
+        assert not by("query", probe_checks.rules(), None)(SimpleNamespace(recorder=recorder, device=opened.device))
         ((status, reason),) = {(outcome.status, outcome.reason) for outcome in outcomes}
         assert status == UNSUPPORTED
         return opened.device.rays, reason
@@ -34,7 +34,7 @@ def told(work):
 
 def test_the_report_names_what_the_device_lacks_or_the_user_chose(monkeypatch):
     chosen = "the device is opened for rays by pipeline, not by query"
-    assert told(Work(rays="pipeline")) == ("pipeline", chosen)
+    assert told(SuiteOptions(rays="pipeline")) == ("pipeline", chosen)
     lacks_of = PhysicalDevice._lacks_of
     no_queries = ["VK_KHR_ray_query"]
     monkeypatch.setattr(
@@ -42,12 +42,12 @@ def test_the_report_names_what_the_device_lacks_or_the_user_chose(monkeypatch):
         "_lacks_of",
         lambda self, names: lacks_of(self, names) + [name for name in names if name in no_queries],
     )
-    assert told(Work()) == ("pipeline", "the device lacks VK_KHR_ray_query")
+    assert told(SuiteOptions()) == ("pipeline", "the device lacks VK_KHR_ray_query")
 
 
 def test_a_device_that_has_the_way_is_opened_for_it():
     for group, way in (("ray_queries", "query"), ("ray_pipelines", "pipeline")):
-        with Worker(Work(), group) as opened:
+        with Worker(SuiteOptions(), group) as opened:
             assert opened.device.rays == way
 
 
@@ -61,4 +61,4 @@ def test_a_failure_to_open_is_no_missing_feature(monkeypatch):
 
     monkeypatch.setattr(worker, "Device", make)
     with pytest.raises(DeviceError, match="INITIALIZATION_FAILED"):
-        Worker(Work(), "ray_pipelines")
+        Worker(SuiteOptions(), "ray_pipelines")

@@ -20,15 +20,15 @@ from solari_vk.lab.conformance.outcomes import CRASH, FAIL, FAULT, PASS, Check
 from solari_vk.lab.conformance.recorder import Recorder
 from solari_vk.lab.conformance.results import Results
 from solari_vk.lab.conformance.rules import Measurement, Rule
-from solari_vk.lab.conformance.worker import Began, Opened, Work
+from solari_vk.lab.conformance.worker import CheckBegan, DeviceOpened, SuiteOptions
 
 LIMIT = 10  # seconds, far more than a check takes that doesn't hang
 PROGRAM = """
 import sys
 from pathlib import Path
 from solari_vk.lab.conformance.run import run
-from solari_vk.lab.conformance.worker import Work
-sys.exit(run(Work(table="faulty_checks"), only={only}, time_limit={limit}, in_process={in_process},
+from solari_vk.lab.conformance.worker import SuiteOptions
+sys.exit(run(SuiteOptions(table="faulty_checks"), only={only}, time_limit={limit}, in_process={in_process},
              markdown=Path("report.md"), html=Path("report.html"), junit=Path("report.xml")))
 """
 
@@ -103,15 +103,15 @@ def test_parts_are_left_out_after_three_losses_of_their_case(monkeypatch, capsys
     """Two cases that always crash: each is repeated by its parts up to the third loss; the report names the rest."""
     measured = []
 
-    def crash(work, checks, tell, limit):
+    def crash(options, checks, send, limit):
         measured.append(checks[0])
-        tell(Began(checks[0]))
+        send(CheckBegan(checks[0]))
         return Death(CRASH, "SIGABRT", "killed", 0.0)
 
     monkeypatch.setattr(run, "measure_in_child", crash)
     table = SimpleNamespace(GROUPS={"group": {"one": None, "other": None}}, parts=lambda check: [*"pqrst"])
     monkeypatch.setitem(sys.modules, "table", table)
-    assert run.run(Work(table="table")) == 1
+    assert run.run(SuiteOptions(table="table")) == 1
     assert measured == [Check("group", case, part) for case in ("one", "other") for part in ("", "p", "q", "r")]
     left_out = ", ".join(f"group: {case}: {part}" for case in ("one", "other") for part in ("s", "t"))
     assert f"left out:  {left_out}\n" in capsys.readouterr().out
@@ -145,8 +145,8 @@ def test_ctrl_c_ends_the_run_but_not_the_report(any_device, tmp_path, sent, in_p
 def test_the_report_names_groups_that_trace_in_another_way():
     results = Results({})
     for group, rays in (("a", "query"), ("b", "pipeline"), ("b", "pipeline"), ("c", "query")):
-        results.take(Began(Check(group, "case")))
-        results.take(Opened({"rays": f"by {rays}"}, []))
+        results.receive(CheckBegan(Check(group, "case")))
+        results.receive(DeviceOpened({"rays": f"by {rays}"}, []))
     assert results.facts["rays"] == "by query; b by pipeline"
 
 
@@ -156,8 +156,8 @@ def test_a_known_crash_is_a_known_fault():
     fault = Fault("llvmpipe", "case: runs to its end", "it crashes when this is sent", ends="SIGSEGV")
     for ended, status, reason in (("SIGSEGV", FAULT, fault.evidence), ("SIGABRT", CRASH, "killed")):
         results = Results({"group": ["case"]})
-        results.take(Opened({"rays": "by query"}, [fault]))
-        results.take(Began(case))
+        results.receive(DeviceOpened({"rays": "by query"}, [fault]))
+        results.receive(CheckBegan(case))
         results.died(Death(CRASH, ended, "killed", 1.0))
         (outcome,) = results.outcomes
         assert (outcome.status, outcome.ended, outcome.reason) == (status, ended, reason)

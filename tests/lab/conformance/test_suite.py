@@ -17,7 +17,7 @@ from solari_vk.lab.conformance.outcomes import ERROR, FAIL, FAULT, NOT_RUN, PASS
 from solari_vk.lab.conformance.recorder import Recorder
 from solari_vk.lab.conformance.report import Report
 from solari_vk.lab.conformance.rules import Measurement, Rule
-from solari_vk.lab.conformance.worker import Work
+from solari_vk.lab.conformance.worker import SuiteOptions
 
 RULE, OTHER = Rule("a rule", "a document", "a section"), Rule("another | rule", "a document", "a section")
 GOOD, BAD = Measurement(RULE, 0.5, 1.0, "of it"), Measurement(RULE, 2.0, 1.0, "of it", "here")
@@ -127,7 +127,7 @@ def test_missing_embree_is_red(any_device, monkeypatch, capsys):
     monkeypatch.setitem(sys.modules, "embreex.rtcore_scene", None)
     embree = {name: case for name, case in groups.GROUPS["ray_traversal"].items() if "embree" in name}
     monkeypatch.setattr(groups, "GROUPS", {"ray_traversal": embree, "renderer": groups.GROUPS["renderer"]})
-    assert run.run(Work(), only=["ray_traversal"], in_process=True) == 1
+    assert run.run(SuiteOptions(), only=["ray_traversal"], in_process=True) == 1
     printed = capsys.readouterr().out
     for scene in embree_checks.SCENES:
         assert f"ERROR: ray_traversal: {embree_checks.rules(scene)[0].name}: needs embreex" in printed

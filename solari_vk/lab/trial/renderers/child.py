@@ -26,6 +26,7 @@ import numpy as np
 def main(module: str, folder: Path) -> int:
     """Load the scene, render a first picture of one sample, which also compiles shaders, and then what is asked for."""
     answers = os.fdopen(os.dup(1), "w")
+    # What renderers print must not mix with the answers.
     os.dup2(2, 1)
 
     def answer(work: Callable[[], dict[str, Any]]) -> bool:

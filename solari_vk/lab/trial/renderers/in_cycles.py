@@ -51,6 +51,7 @@ def load(job: dict[str, Any], folder: Path) -> Callable[[int, int], Any]:
         scene.render.filepath = str(file)
         bpy.ops.render.render(write_still=True)
         image = bpy.data.images.load(str(file))
+        # The file holds radiance, which must be read as it is.
         image.colorspace_settings.name = "Non-Color"
         width, height = image.size
         pixels = np.empty(width * height * image.channels, np.float32)
@@ -202,6 +203,7 @@ def _add_camera(scene: Any, camera: dict[str, Any]) -> None:
 def _add_light(scene: Any, light: dict[str, Any]) -> None:
     data = bpy.data.lights.new("light", {"directional": "SUN", "point": "POINT", "spot": "SPOT"}[light["kind"]])
     data.color = light["color"]
+    # Blender's lights look along -z.
     matrix = Matrix.Identity(4)
     if "direction" in light:
         down = UPRIGHT.to_3x3() @ Vector(light["direction"])
@@ -276,6 +278,7 @@ def _add_environment(scene: Any, environment: dict[str, Any] | None, folder: Pat
     picture.image = bpy.data.images.load(str(folder / environment["picture"]))
     picture.image.colorspace_settings.name = "Linear Rec.709"
     place, mapping = nodes.new("ShaderNodeTexCoord"), nodes.new("ShaderNodeMapping")
+    # The rotation of the map, in Blender's axes.
     turn = UPRIGHT.to_3x3() @ Matrix(environment["rotation"]) @ UPRIGHT.to_3x3().inverted()
     mapping.inputs["Rotation"].default_value = turn.inverted().to_euler()
     links.new(place.outputs["Generated"], mapping.inputs["Vector"])
@@ -297,6 +300,7 @@ def _set_up(scene: Any, job: dict[str, Any]) -> None:
     cycles.device = "CPU"
     cycles.use_denoising = False
     cycles.use_adaptive_sampling = False
+    # All limits are the same, so that no kind of bounce ends earlier.
     bounces = max(job["max_bounces"] - 1, 0)  # Cycles doesn't count the first surface
     for name in ("max", "diffuse", "glossy", "transmission", "volume"):
         setattr(cycles, f"{name}_bounces", bounces)

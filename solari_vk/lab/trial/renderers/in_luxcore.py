@@ -93,6 +93,7 @@ class Builder:
         camera, (width, height) = self.job["camera"], self.job["size"]
         place = np.array(camera["transform"])
         half = camera["orthographic_height"] / 2
+        # Shifted by one pixel, so that pictures lie where ours do.
         window = (half or 1) * np.array([-width / height, width / height, -1 - 2 / height, 1 - 2 / height])
         self.parse(
             "camera",

@@ -126,6 +126,7 @@ class Builder:
         """The map by rows from pole to pole, as Mitsuba has them, with the same values between texels' centers."""
         texels = np.load(self.folder / environment["texels"]) * environment["intensity"]
         height, width = texels.shape[:2]
+        # Rows at the centers of texels and at their borders: twice as many and one.
         row = np.clip(np.arange(2 * height + 1) / 2 - 0.5, 0, height - 1)
         low = np.minimum(row.astype(int), max(height - 2, 0))
         share = (row - low)[:, None, None]
