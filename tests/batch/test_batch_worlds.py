@@ -267,14 +267,6 @@ def test_worlds_have_materials_and_lights_of_their_own(device, renderer, everyth
     lamp_places = np.tile(scene.instances["lamp"].transform, (WORLDS, 1, 1))
     lamp_places[:, :3, 3] += np.outer(np.arange(WORLDS), (0.1, -0.2, 0.05))
 
-    def change(frame, of_world, lit):
-        if frame == 1:
-            of_world["tall block"].base_color = 0.9, 0.2, 0.1
-            if lit["sun"] is not None:
-                lit["sun"].illuminance *= 5
-        elif frame == 2:
-            of_world["lamp"].emissive = of_world["lamp"].emissive * 2
-
     def together(batch, frame):
         if frame == 0:
             for name in materials[0]:
@@ -282,7 +274,7 @@ def test_worlds_have_materials_and_lights_of_their_own(device, renderer, everyth
             for name in lights[0]:
                 batch.world_lights[name] = [made[name] for made in lights]
         for of_world, lit in zip(materials, lights, strict=True):
-            change(frame, of_world, lit)
+            edit_world(frame, of_world, lit)
         if frame == 2:
             batch.transforms["lamp"] = lamp_places
 
@@ -300,26 +292,42 @@ def test_worlds_have_materials_and_lights_of_their_own(device, renderer, everyth
         np.testing.assert_array_equal(batch.render(poses, fov=50, reset=True)["radiance"], before)
     seeds = numbered_seeds(3, views).reshape(WORLDS, 2)
     for world in range(WORLDS):
-        own, scene_lights = own_room(everything)
-        of_world, lit = materials_of(world, everything), lights_of(world, everything)
-        for name, material in of_world.items():
-            own.instances[name].material = material
-        for light in scene_lights:
-            own.remove(light)
-        for light in lit.values():
-            if light is not None:
-                own.add(light)
+        alone = frames_of_one_world(device, options, everything, world, lamp_places[world], seeds[world])
+        for frame, expected in enumerate(alone):
+            for name in expected.keys() - {"material_id"}:
+                of_views = found[frame][name][2 * world : 2 * world + 2]
+                np.testing.assert_array_equal(of_views, expected[name], f"{name}, world {world}, frame {frame}")
 
-        def alone(batch, frame, world=world, own=own, of_world=of_world, lit=lit):
-            change(frame, of_world, lit)
-            if frame == 2:
-                own.instances["lamp"].transform = lamp_places[world]
 
-        with sv.Batch(device, own, SIZE, 2, **options) as batch:
-            for frame, expected in enumerate(frames_of(batch, CAMERAS, seeds[world], alone)):
-                for name in set(batch) - {"material_id"}:
-                    of_views = found[frame][name][2 * world : 2 * world + 2]
-                    np.testing.assert_array_equal(of_views, expected[name], f"{name}, world {world}, frame {frame}")
+def edit_world(frame, materials, lights):
+    """What a frame of the test above changes in the materials and lights of a world."""
+    if frame == 1:
+        materials["tall block"].base_color = 0.9, 0.2, 0.1
+        if lights["sun"] is not None:
+            lights["sun"].illuminance *= 5
+    elif frame == 2:
+        materials["lamp"].emissive = materials["lamp"].emissive * 2
+
+
+def frames_of_one_world(device, options, everything, world, lamp_place, seeds):
+    """The frames of a batch of the test above that has one world alone, whose scene has what that world has."""
+    scene, scene_lights = own_room(everything)
+    materials, lights = materials_of(world, everything), lights_of(world, everything)
+    for name, material in materials.items():
+        scene.instances[name].material = material
+    for light in scene_lights:
+        scene.remove(light)
+    for light in lights.values():
+        if light is not None:
+            scene.add(light)
+
+    def edit(batch, frame):
+        edit_world(frame, materials, lights)
+        if frame == 2:
+            scene.instances["lamp"].transform = lamp_place
+
+    with sv.Batch(device, scene, SIZE, 2, **options) as batch:
+        return frames_of(batch, CAMERAS, seeds, edit)
 
 
 @pytest.mark.parametrize(

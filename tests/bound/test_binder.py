@@ -72,6 +72,9 @@ def layout():
     return reflect(compile_shader("scene/layout.comp")).bindings
 
 
+TABLES = ("instances", "materials", "textures", "meshes", "light_sources", "scene_infos")
+
+
 def table(binder, name):
     """The contents of a table on the device."""
     binding = layout()[name]
@@ -81,12 +84,32 @@ def table(binder, name):
 def assert_mirrors(binder, scene):
     """Assert that every object's record on the device equals the object."""
     binder.update()
-    instances, materials, textures = (table(binder, name) for name in ("instances", "materials", "textures"))
-    meshes, sources = table(binder, "meshes"), table(binder, "light_sources")
-    traced, geometry = binder.records.traced, binder.assets.geometry
+    tables = {name: table(binder, name) for name in TABLES}
+    info = tables["scene_infos"][0]
+    emissive = [instance for instance in scene if instance.visible and instance.material.emits]
+    assert_mirrors_lights(binder, scene, tables, emissive)
+    instances = tables["instances"]
+    traced = binder.records.traced
     traced = traced.table.buffer.read(traced.table.records.dtype)[: traced.count]
-    info = table(binder, "scene_infos")[0]
-    emissive = [i for i in scene if i.visible and i.material.emits]
+    row_of = {instance: row for row, instance in binder.instances.items()}
+    assert row_of.keys() == set(scene)
+    for instance, row in row_of.items():
+        [ray] = traced[traced["custom_index_and_mask"] & 0xFFFFFF == row]
+        assert_mirrors_instance(binder, tables, instance, row, ray)
+        assert_mirrors_material(binder, tables, instance, row, ray)
+        assert_mirrors_emission(tables, instance, row, instance in emissive)
+    used = np.isin(np.arange(len(instances)), list(binder.instances))
+    ever = instances["id"] > 0
+    assert (instances["mesh"][ever & ~used] == NO_INDEX).all()  # removed instances aren't drawn
+    assert len(set(instances["id"][used])) == len(row_of)
+    assert len(binder.lights.ids) == info["light_count"] == len(set(binder.lights.ids))
+    assert all(image.handle is not None for image, _ in binder.resources["texture_images"])
+    assert sorted(traced["custom_index_and_mask"] & 0xFFFFFF) == sorted(binder.instances)
+
+
+def assert_mirrors_lights(binder, scene, tables, emissive):
+    """The list of lights: emissive meshes, portals, suns and environments, in this order."""
+    info = tables["scene_infos"][0]
     assert info["light_count"] == len(emissive) + len(scene.lights)
     portals, suns, skies = (
         [light for light in scene.lights if isinstance(light, kind)] for kind in (Portal, DirectionalLight, Environment)
@@ -101,56 +124,61 @@ def assert_mirrors(binder, scene):
         "environment": len(skies),
     }
     kinds = np.repeat([KIND_INDEX[name] for name in counts], list(counts.values()))
-    np.testing.assert_array_equal(sources["kind"][: info["light_count"]], kinds)
+    np.testing.assert_array_equal(tables["light_sources"]["kind"][: info["light_count"]], kinds)
     flux = sum(sky.flux for sky in skies)
     of_portals = slice(len(emissive), len(emissive) + len(portals))
     np.testing.assert_allclose(binder.lights.powers[of_portals], [p.area / 2 * flux for p in portals], rtol=1e-4)
-    records = {"corner": lambda p: p.center - p.half_u - p.half_v, "side_v": lambda p: 2 * p.half_v}
-    for field, value in records.items() if portals else ():
-        found = table(binder, "portals")[field][: len(portals)]
-        np.testing.assert_allclose(found, [value(portal) for portal in portals], rtol=1e-5, atol=1e-5)
-    row_of = {instance: row for row, instance in binder.instances.items()}
-    assert row_of.keys() == set(scene)
-    for instance, row in row_of.items():
-        record = instances[row]
-        [ray] = traced[traced["custom_index_and_mask"] & 0xFFFFFF == row]
-        transform = instance.transform[:3].astype(np.float32)
-        np.testing.assert_array_equal(by_columns(record["world_from_object"]), transform)
-        np.testing.assert_array_equal(ray["transform"], transform)
-        assert ray["custom_index_and_mask"] == row | (VISIBLE if instance.visible else HIDDEN)
-        assert ray["blas_address"] == geometry.blases[instance.ray_mesh or instance.mesh].address
-        assert (record["mesh"] == NO_INDEX) == (not instance.visible)
-        drawn = [("mesh", instance.mesh)] if instance.visible else []
-        for name, mesh in (*drawn, ("ray_mesh", instance.ray_mesh or instance.mesh)):
-            entry = meshes[record[name]]
-            assert entry["triangle_count"] == len(mesh.triangles)
-            buffer = geometry._buffers[mesh]
-            assert entry["positions"] == buffer.address
-            np.testing.assert_array_equal(buffer.read(np.float32, mesh.positions.size), mesh.positions.ravel())
-        material = materials[record["material"]]
-        np.testing.assert_array_equal(material["base_color"], instance.material.base_color)
-        np.testing.assert_array_equal(material["emissive"], instance.material.emissive)
-        assert material["flags"] == instance.material.double_sided
-        assert bool(ray["sbt_offset_and_flags"] >> 24 & 1) == instance.material.double_sided
-        texture = instance.material.base_color_texture
-        if texture is None:
-            assert material["base_color_texture"] == NO_INDEX
-        else:
-            image, _ = binder.resources["texture_images"][textures[material["base_color_texture"]][1]]
-            np.testing.assert_array_equal(image.read(), texture.image.pixels)
-        if instance in emissive:
-            source = sources[record["light_index"]]
-            assert (source["kind"], source["record_index"]) == (KIND_INDEX["emissive_mesh"], row)
-            assert source["part_count"] == len((instance.ray_mesh or instance.mesh).triangles)
-        else:
-            assert record["light_index"] == NO_INDEX
-    used = np.isin(np.arange(len(instances)), list(binder.instances))
-    ever = instances["id"] > 0
-    assert (instances["mesh"][ever & ~used] == NO_INDEX).all()  # removed instances aren't drawn
-    assert len(set(instances["id"][used])) == len(row_of)
-    assert len(binder.lights.ids) == info["light_count"] == len(set(binder.lights.ids))
-    assert all(image.handle is not None for image, _ in binder.resources["texture_images"])
-    assert sorted(traced["custom_index_and_mask"] & 0xFFFFFF) == sorted(binder.instances)
+    if portals:
+        records = table(binder, "portals")[: len(portals)]
+        corners = [p.center - p.half_u - p.half_v for p in portals]
+        np.testing.assert_allclose(records["corner"], corners, rtol=1e-5, atol=1e-5)
+        np.testing.assert_allclose(records["side_v"], [2 * p.half_v for p in portals], rtol=1e-5, atol=1e-5)
+
+
+def assert_mirrors_instance(binder, tables, instance, row, ray):
+    """The transform, the visibility and the meshes of an instance, in its record and in the one that rays use."""
+    record = tables["instances"][row]
+    geometry = binder.assets.geometry
+    ray_mesh = instance.ray_mesh or instance.mesh
+    transform = instance.transform[:3].astype(np.float32)
+    np.testing.assert_array_equal(by_columns(record["world_from_object"]), transform)
+    np.testing.assert_array_equal(ray["transform"], transform)
+    assert ray["custom_index_and_mask"] == row | (VISIBLE if instance.visible else HIDDEN)
+    assert ray["blas_address"] == geometry.blases[ray_mesh].address
+    assert (record["mesh"] == NO_INDEX) == (not instance.visible)
+    drawn = [("mesh", instance.mesh)] if instance.visible else []
+    for name, mesh in (*drawn, ("ray_mesh", ray_mesh)):
+        entry = tables["meshes"][record[name]]
+        assert entry["triangle_count"] == len(mesh.triangles)
+        buffer = geometry._buffers[mesh]
+        assert entry["positions"] == buffer.address
+        np.testing.assert_array_equal(buffer.read(np.float32, mesh.positions.size), mesh.positions.ravel())
+
+
+def assert_mirrors_material(binder, tables, instance, row, ray):
+    wanted = instance.material
+    material = tables["materials"][tables["instances"][row]["material"]]
+    np.testing.assert_array_equal(material["base_color"], wanted.base_color)
+    np.testing.assert_array_equal(material["emissive"], wanted.emissive)
+    assert material["flags"] == wanted.double_sided
+    assert bool(ray["sbt_offset_and_flags"] >> 24 & 1) == wanted.double_sided
+    texture = wanted.base_color_texture
+    if texture is None:
+        assert material["base_color_texture"] == NO_INDEX
+    else:
+        number = tables["textures"][material["base_color_texture"]][1]
+        image, _ = binder.resources["texture_images"][number]
+        np.testing.assert_array_equal(image.read(), texture.image.pixels)
+
+
+def assert_mirrors_emission(tables, instance, row, emits):
+    index = tables["instances"][row]["light_index"]
+    if not emits:
+        assert index == NO_INDEX
+        return
+    source = tables["light_sources"][index]
+    assert (source["kind"], source["record_index"]) == (KIND_INDEX["emissive_mesh"], row)
+    assert source["part_count"] == len((instance.ray_mesh or instance.mesh).triangles)
 
 
 PARTS = [(Uploads, "buffer"), (Table, "_runs"), (Tlas, "_record")]

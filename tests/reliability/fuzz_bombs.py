@@ -34,78 +34,117 @@ def empty(made: GltfWriter, count: int, kind: str = "VEC3", component: int = 512
 
 def gltf(draw: Draw, folder: Path) -> Path:
     """Each list of the format long, each accessor large, and all shared as often as the format allows."""
-    made, rows = GltfWriter(), draw(ROWS)
+    return GltfBomb(draw).made.save(folder / "bomb.glb")
 
-    def shared(kind: str, width: int) -> int:
-        if draw(st.integers(0, 3)):
-            return made.accessor(RNG.normal(size=(rows, width)))
-        return empty(made, draw(st.sampled_from([rows, draw(HUGE)])), kind)
 
-    def some(count: int) -> range:
-        return range(count if draw(st.booleans()) else 0)
+class GltfBomb:
+    """The glTF file of `gltf`, made step by step: a step draws how much the file has of one thing."""
 
-    materials = [made.add("materials", name=f"m{n}") for n in some(draw(FEW))]
-    if materials and draw(st.booleans()):
-        source = made.add("images", bufferView=made.view(png(draw)))
-        for material in materials:
-            texture = made.add("textures", source=source)
-            made.json["materials"][material]["emissiveTexture"] = {"index": texture}
-            made.json["materials"][material]["normalTexture"] = {"index": texture, "texCoord": material % 2}
-    attributes = {"POSITION": shared("VEC3", 3)}
-    for name, kind, width in (
-        ("NORMAL", "VEC3", 3),
-        ("TEXCOORD_0", "VEC2", 2),
-        ("TEXCOORD_1", "VEC2", 2),
-        ("COLOR_0", "VEC4", 4),
-    ):
-        if draw(st.booleans()):
-            attributes[name] = shared(kind, width)
-    for number in some(draw(st.sampled_from([1, 8, 64]))):
-        attributes[f"JOINTS_{number}"] = empty(made, rows, "VEC4", 5123)
-        attributes[f"WEIGHTS_{number}"] = made.accessor(np.tile([1, 0, 0, 0], (rows, 1)))
-    target = {"POSITION": shared("VEC3", 3), "NORMAL": shared("VEC3", 3)}
-    targets = [target for _ in some(draw(FEW))]
-    parts = []
-    for number in range(draw(FEW)):
-        part: dict[str, Any] = {"attributes": attributes, "targets": targets, "mode": draw(st.integers(4, 6))}
-        if draw(st.booleans()):
-            part["indices"] = empty(made, draw(HUGE), "SCALAR", 5125)
+    def __init__(self, draw: Draw) -> None:
+        self.draw = draw
+        self.made = GltfWriter()
+        self.rows = draw(ROWS)
+        materials = self.add_materials()
+        mesh = self.add_mesh(self.vertex_attributes(), self.morph_targets(), materials)
+        self.add_nodes(mesh)
+        self.add_animations()
+
+    def shared(self, kind: str, width: int) -> int:
+        """An accessor with rows, or one that only declares them."""
+        if self.draw(st.integers(0, 3)):
+            return self.made.accessor(RNG.normal(size=(self.rows, width)))
+        return empty(self.made, self.draw(st.sampled_from([self.rows, self.draw(HUGE)])), kind)
+
+    def some(self, count: int) -> range:
+        """This many numbers, or none."""
+        return range(count if self.draw(st.booleans()) else 0)
+
+    def add_materials(self) -> list[int]:
+        made, draw = self.made, self.draw
+        materials = [made.add("materials", name=f"m{n}") for n in self.some(draw(FEW))]
+        if materials and draw(st.booleans()):
+            source = made.add("images", bufferView=made.view(png(draw)))
+            for material in materials:
+                texture = made.add("textures", source=source)
+                made.json["materials"][material]["emissiveTexture"] = {"index": texture}
+                made.json["materials"][material]["normalTexture"] = {"index": texture, "texCoord": material % 2}
+        return materials
+
+    def vertex_attributes(self) -> dict[str, int]:
+        attributes = {"POSITION": self.shared("VEC3", 3)}
+        for name, kind, width in (
+            ("NORMAL", "VEC3", 3),
+            ("TEXCOORD_0", "VEC2", 2),
+            ("TEXCOORD_1", "VEC2", 2),
+            ("COLOR_0", "VEC4", 4),
+        ):
+            if self.draw(st.booleans()):
+                attributes[name] = self.shared(kind, width)
+        for number in self.some(self.draw(st.sampled_from([1, 8, 64]))):
+            attributes[f"JOINTS_{number}"] = empty(self.made, self.rows, "VEC4", 5123)
+            attributes[f"WEIGHTS_{number}"] = self.made.accessor(np.tile([1, 0, 0, 0], (self.rows, 1)))
+        return attributes
+
+    def morph_targets(self) -> list[dict[str, int]]:
+        target = {"POSITION": self.shared("VEC3", 3), "NORMAL": self.shared("VEC3", 3)}
+        return [target for _ in self.some(self.draw(FEW))]
+
+    def add_mesh(self, attributes: dict[str, int], targets: list[dict[str, int]], materials: list[int]) -> int:
+        """A mesh of primitives that share their attributes, with variants of their materials."""
+        parts = []
+        for number in range(self.draw(FEW)):
+            part: dict[str, Any] = {"attributes": attributes, "targets": targets, "mode": self.draw(st.integers(4, 6))}
+            if self.draw(st.booleans()):
+                part["indices"] = self.add_indices()
+            if materials:
+                part["material"] = materials[number % len(materials)]
+            parts.append(part)
+        variants = [{"name": f"v{n}"} for n in self.some(self.draw(FEW))]
+        if variants and materials:
+            self.made.json["extensions"] = {"KHR_materials_variants": {"variants": variants}}
+            mappings = [{"material": 0, "variants": [*range(len(variants))]}]
+            parts[0]["extensions"] = {"KHR_materials_variants": {"mappings": mappings}}
+        return self.made.add("meshes", primitives=parts)
+
+    def add_indices(self) -> int:
+        """Indices without data, or with data for three of them alone."""
+        indices = empty(self.made, self.draw(HUGE), "SCALAR", 5125)
+        if self.draw(st.booleans()):
+            self.made.json["accessors"][-1]["sparse"] = {
+                "count": 3,
+                "values": {"bufferView": self.made.view(struct.pack("<3I", 0, 1, 2))},
+                "indices": {"bufferView": self.made.view(bytes((0, 1, 2))), "componentType": 5121},
+            }
+        return indices
+
+    def add_nodes(self, mesh: int) -> None:
+        """Nodes of the mesh, with joints and instances, and nodes with a camera and a light."""
+        made, draw = self.made, self.draw
+        joints = [made.node() for _ in self.some(draw(FEW))]
+        node: dict[str, Any] = {"mesh": mesh}
+        if joints:
+            node["skin"] = made.add("skins", joints=joints * draw(st.sampled_from([1, 4])))
             if draw(st.booleans()):
-                made.json["accessors"][-1]["sparse"] = {
-                    "count": 3,
-                    "values": {"bufferView": made.view(struct.pack("<3I", 0, 1, 2))},
-                    "indices": {"bufferView": made.view(bytes((0, 1, 2))), "componentType": 5121},
-                }
-        part |= {"material": materials[number % len(materials)]} if materials else {}
-        parts.append(part)
-    variants = [{"name": f"v{n}"} for n in some(draw(FEW))]
-    if variants and materials:
-        made.json["extensions"] = {"KHR_materials_variants": {"variants": variants}}
-        mappings = [{"material": 0, "variants": [*range(len(variants))]}]
-        parts[0]["extensions"] = {"KHR_materials_variants": {"mappings": mappings}}
-    mesh = made.add("meshes", primitives=parts)
-    joints = [made.node() for _ in some(draw(FEW))]
-    node: dict[str, Any] = {"mesh": mesh}
-    if joints:
-        node["skin"] = made.add("skins", joints=joints * draw(st.sampled_from([1, 4])))
+                made.json["skins"][0]["inverseBindMatrices"] = empty(made, draw(HUGE), "MAT4")
         if draw(st.booleans()):
-            made.json["skins"][0]["inverseBindMatrices"] = empty(made, draw(HUGE), "MAT4")
-    if draw(st.booleans()):
-        repeats = made.accessor(np.ones((rows, 3))) if draw(st.booleans()) else empty(made, draw(HUGE))
-        node["extensions"] = {"EXT_mesh_gpu_instancing": {"attributes": {"TRANSLATION": repeats}}}
-    nodes = [made.node(**node) for _ in range(draw(FEW))]
-    made.json.setdefault("extensions", {})["KHR_lights_punctual"] = {"lights": [{"type": "point"}]}
-    made.add("cameras", type="perspective", perspective={"yfov": 1, "znear": 0.1})
-    nodes += [made.node(camera=0, extensions={"KHR_lights_punctual": {"light": 0}}) for _ in some(draw(FEW))]
-    made.scene(*joints, *nodes)
-    for _ in some(draw(FEW)):
-        sampler = {"input": made.accessor(np.arange(rows)[:, None]), "output": shared("VEC3", 3)}
-        path = draw(st.sampled_from(["translation", "weights"]))
-        channels = [{"sampler": 0, "target": {"node": nodes[0], "path": path}}] * draw(FEW)
-        made.add("animations", samplers=[sampler], channels=channels)
-        if len(made.data) > 2**24:
-            break
-    return made.save(folder / "bomb.glb")
+            repeats = made.accessor(np.ones((self.rows, 3))) if draw(st.booleans()) else empty(made, draw(HUGE))
+            node["extensions"] = {"EXT_mesh_gpu_instancing": {"attributes": {"TRANSLATION": repeats}}}
+        self.nodes = [made.node(**node) for _ in range(draw(FEW))]
+        made.json.setdefault("extensions", {})["KHR_lights_punctual"] = {"lights": [{"type": "point"}]}
+        made.add("cameras", type="perspective", perspective={"yfov": 1, "znear": 0.1})
+        light = {"KHR_lights_punctual": {"light": 0}}
+        self.nodes += [made.node(camera=0, extensions=light) for _ in self.some(draw(FEW))]
+        made.scene(*joints, *self.nodes)
+
+    def add_animations(self) -> None:
+        made = self.made
+        for _ in self.some(self.draw(FEW)):
+            sampler = {"input": made.accessor(np.arange(self.rows)[:, None]), "output": self.shared("VEC3", 3)}
+            path = self.draw(st.sampled_from(["translation", "weights"]))
+            channels = [{"sampler": 0, "target": {"node": self.nodes[0], "path": path}}] * self.draw(FEW)
+            made.add("animations", samplers=[sampler], channels=channels)
+            if len(made.data) > 2**24:
+                break
 
 
 # ---- pictures ---------------------------------------------------------------------------------------
