@@ -215,7 +215,7 @@ def _journal(folder: Path) -> Subject:
     journal = Journal(path, made_of)
     for task in tasks:
         (folder / task.files[0]).write_bytes(b"picture")
-        journal.note(task, {task.files[0]: hashlib.sha256(b"picture").hexdigest()})
+        journal.record(task, {task.files[0]: hashlib.sha256(b"picture").hexdigest()})
     whole = path.read_bytes()
     lines = [json.loads(line) for line in whole.splitlines()]
 
@@ -224,7 +224,7 @@ def _journal(folder: Path) -> Subject:
         journal.check(tasks)
         for task in tasks:
             if not journal.has(task):
-                journal.note(task, {task.files[0]: hashlib.sha256(b"picture").hexdigest()})
+                journal.record(task, {task.files[0]: hashlib.sha256(b"picture").hexdigest()})
         assert all(Journal(path, made_of).has(task) for task in tasks)
 
     def write(generator: random.Random) -> None:
