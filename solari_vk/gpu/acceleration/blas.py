@@ -125,6 +125,7 @@ class Blas(Structure):
         if not self.ready_for_compaction:
             raise SolariError(f"compaction of {self.describe()}, which isn't ready: call prepare_compaction and wait")
         assert self._preparation is not None
+        # The copy shares what describes the geometry, and gets storage, handle and address of its own.
         compacted = copy.copy(self)
         compacted.name = name or f"{self.name} compacted"
         compacted.compacted = True
@@ -135,6 +136,7 @@ class Blas(Structure):
 
     def move_to(self, size: int) -> Callable[[], None]:
         """Replace the storage by one of this size, for a compacted copy; returns a function that frees the old one."""
+        # The old storage is read by the compacting copy, so the caller frees it after that is submitted.
         storage, token = self._storage, self._token
         self.create(size)
         self.compacted = True

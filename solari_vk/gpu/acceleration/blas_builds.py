@@ -13,6 +13,7 @@ from solari_vk.gpu.device import raw
 from solari_vk.gpu.device.barriers import full_barrier
 from solari_vk.gpu.device.device import Device
 
+# A large scene is built in parts, of which only one at a time needs scratch and uncompacted storage.
 SCRATCH_BUDGET = 256 << 20
 
 
@@ -47,9 +48,11 @@ def build_blases(
     """
     builds = [BlasBuild(blas, update) for blas in blases]
     check_builds(device, builds)
+    # One time for the call: all batches of it count as built together.
     at = clock.tick()
     for batch in batches(builds, scratch_budget):
         submit_batch(device, batch, at)
+        # A refit writes to the storage that is there, so what is refitted keeps its size.
         shrinking = [build.blas for build in batch if compact and build.blas.allow_compaction and not update]
         if shrinking:
             compact_in_place(device, shrinking)
@@ -90,6 +93,7 @@ def batches(builds: Sequence[BlasBuild], budget: int = SCRATCH_BUDGET) -> list[l
 
 def submit_batch(device: Device, batch: Sequence[BlasBuild], at: int) -> None:
     """Build a batch for the build call at time `at`, after all earlier and before all later work."""
+    # Builds of one call may run at the same time, so each has scratch of its own.
     scratch, address = make_scratch(device, sum(build.scratch for build in batch), "blas scratch")
     infos = []
     for build in batch:
@@ -108,6 +112,7 @@ def submit_batch(device: Device, batch: Sequence[BlasBuild], at: int) -> None:
     device.start(record, "build blases")
     for build in batch:
         build.blas.note_build(at, update=build.update)
+    # The buffer is freed when this submission is done.
     scratch.destroy()
 
 
@@ -116,6 +121,7 @@ def compact_in_place(device: Device, blases: Sequence[Blas]) -> None:
     sizes = SizeQuery(device, [blas.handle for blas in blases]).read()
     copies, replaced = [], []
     for blas, size in zip(blases, sizes, strict=True):
+        # A size of 0, or one that is no smaller, leaves the structure where it is: the copy would gain nothing.
         if 0 < size < blas.size:
             source = blas.handle
             replaced.append(blas.move_to(size))

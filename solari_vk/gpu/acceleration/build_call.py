@@ -102,6 +102,7 @@ class BuildCall:
         """Submit the builds; returns the timeline value of their completion. Later work sees the results."""
         self._check()
         gathered = [gather(package.instances) for package in self._packages]
+        # Each Blas once, whatever number of instances it has.
         used = [{id(b): b for b in blases if b is not None}.values() for blases, _ in gathered]
         for package, below in zip(self._packages, used, strict=True):
             self._check_order(below, package.tlas)
@@ -118,6 +119,7 @@ class BuildCall:
         gathered: Sequence[tuple[Sequence[Blas | None], NDArray[Any]]],
         used: Sequence[Sequence[Blas]],
     ) -> None:
+        # Blases and Tlases of one call get the same time, so that a Tlas may refer to a Blas of its own call.
         at = clock.tick()
         with uploader.uploads:
             placed = [[source.place(uploader) for source in entry.geometries] for entry in self._entries]
@@ -126,6 +128,7 @@ class BuildCall:
                 entry.blas.ensure_storage()
             records = []
             for blases, table in gathered:
+                # Addresses are final only now: `ensure_storage` has made the structures.
                 addresses = [0 if blas is None else blas.address for blas in blases]
                 table["blas_address"] = np.array(addresses, np.uint64)
                 records.append((uploader.place("instances", table, table.itemsize)[0] if len(table) else 0, table))
@@ -137,6 +140,7 @@ class BuildCall:
                 tlas = package.tlas
                 update = tlas.refits(table)
                 tlas.record_build(cmd, address, len(table), update=update, blases=blases, at=at)
+                # What the next call compares with to see whether a refit is enough.
                 tlas.built_records = table
 
         if self._packages:

@@ -24,6 +24,7 @@ class SizeQuery:
         create = raw.struct("VkQueryPoolCreateInfo", queryType=kind, queryCount=self._count)
         self._pool = pool = device.create("VkQueryPool", create, "compacted sizes")
         self._token = device.own(lambda: vk.vkDestroyQueryPool(device.handle, pool, raw.NULL))
+        # On the host (hostQueryReset), since no command buffer has used the new pool.
         vk.vkResetQueryPool(device.handle, pool, 0, self._count)
         handles = raw.array("VkAccelerationStructureKHR", structures)
         self.value = device.start(
@@ -40,6 +41,7 @@ class SizeQuery:
         """The sizes in bytes, without waiting: the timeline must have reached `value`."""
         device = self._device
         sizes = np.zeros(self._count, np.uint64)
+        # The timeline has passed the query, so VK_QUERY_RESULT_WAIT_BIT never waits long here.
         flags = raw.VK_QUERY_RESULT_64_BIT | raw.VK_QUERY_RESULT_WAIT_BIT
         target = raw.ffi.from_buffer(sizes)
         device.vk.vkGetQueryPoolResults(device.handle, self._pool, 0, self._count, sizes.nbytes, target, 8, flags)

@@ -50,10 +50,12 @@ def _check(transforms: NDArray[Any], custom_data: NDArray[Any], mask: NDArray[An
         found = InstanceFlags(int(flags[wrong][0]))
         raise SolariError(f"instance: the flags {found!r} are unknown or contradict each other{where(wrong)}")
     with np.errstate(over="ignore", invalid="ignore"):
+        # Checked as the float32 numbers that the records hold: a large double may become infinite.
         linear = transforms[:, :, :3].astype(np.float32).astype(np.float64)
         wrong = np.logical_not(np.isfinite(transforms.astype(np.float32)).all(axis=(1, 2)))
         if wrong.any():
             raise SolariError(f"instance: the transform is not finite{where(wrong)}")
+        # Written so that a NaN determinant counts as wrong too.
         wrong = np.logical_not(np.abs(np.linalg.det(linear)) > 0)
     if wrong.any():
         raise SolariError(f"instance: the transform is not invertible{where(wrong)}")
@@ -140,6 +142,7 @@ def make_records(transforms: Any, custom_data: Any, mask: Any, flags: Any, count
     _check(matrices, custom, masks, bits)
     records = np.zeros(count, INSTANCE_DTYPE)
     records["transform"] = matrices
+    # The bit fields of VkAccelerationStructureInstanceKHR: 24 bits of index and 8 of mask, 24 of offset and 8 of flags.
     records["custom_index_and_mask"] = custom.astype(np.uint32) | masks.astype(np.uint32) << 24
     records["sbt_offset_and_flags"] = bits.astype(np.uint32) << 24
     return records

@@ -120,6 +120,7 @@ class Triangles:
     no_duplicate_any_hit: bool = False
 
     def __post_init__(self) -> None:
+        # The dataclass is frozen, but arrays are checked and copied once when it is made.
         put: Callable[[str, Any], None] = lambda name, value: object.__setattr__(self, name, value)  # noqa: E731
         check_index_type(self.index_dtype, "triangles")
         _check_switches(self, "triangles")
@@ -156,6 +157,7 @@ class Triangles:
         if index_stride != size:
             raise SolariError(f"indices: they lie {index_stride} bytes apart, but must have no gaps between them")
         transform, _ = (0, 0) if self.transform is None else uploader.place("transform", self.transform, 48)
+        # The contents of a buffer aren't known here, so the hash stays 0.
         known = isinstance(self.indices, np.ndarray)
         return TriangleGeometry(
             positions,

@@ -48,6 +48,7 @@ class BuildOptions:
 
     def flags(self, device: Device) -> int:
         """Vulkan's build flags. With position fetch, shaders can read the vertices of hit triangles."""
+        # Vulkan forbids both preferences at once.
         trace = raw.VK_BUILD_ACCELERATION_STRUCTURE_PREFER_FAST_TRACE_BIT_KHR
         build = raw.VK_BUILD_ACCELERATION_STRUCTURE_PREFER_FAST_BUILD_BIT_KHR
         flags = trace if self.prefer_fast_trace else build
@@ -101,8 +102,10 @@ class Structure:
         self.refit_count = 0
         self.destroyed = False
         self._kind = kind
+        # The array lives as long as the structure, because each build points to it.
         self._geometries = raw.array("VkAccelerationStructureGeometryKHR", geometries)
         self._geometry_count = len(geometries)
+        # The sizes follow from the flags and the largest counts alone; no address is read here.
         sizes = raw.struct("VkAccelerationStructureBuildSizesInfoKHR")
         device.vk.vkGetAccelerationStructureBuildSizesKHR(
             device.handle,
@@ -140,6 +143,7 @@ class Structure:
             )
             self.handle = handle = device.create("VkAccelerationStructureKHR", create, self.name)
         self._token = device.own(lambda: device.vk.vkDestroyAccelerationStructureKHR(device.handle, handle, raw.NULL))
+        # Instances refer to a structure by its address, and descriptors by its handle.
         info = raw.struct("VkAccelerationStructureDeviceAddressInfoKHR", accelerationStructure=handle)
         self.address = int(device.vk.vkGetAccelerationStructureDeviceAddressKHR(device.handle, info))
         self.size = size
@@ -156,6 +160,7 @@ class Structure:
             type=self._kind,
             flags=self.flags,
             mode=refit if update else build,
+            # A refit may read one structure and write another, so that rays of an earlier frame keep the first one.
             srcAccelerationStructure=(source or self).handle if update else None,
             dstAccelerationStructure=self.handle,
             geometryCount=self._geometry_count,
@@ -194,6 +199,7 @@ class Structure:
     def destroy(self) -> None:
         """Destroy it when the work submitted so far is done. Safe to call twice."""
         if not self.destroyed:
+            # A Tlas that was built before this moment may refer to what is gone: `check_usable` compares times.
             clock.tick()
         self.destroyed = True
         if self.handle is not None:
@@ -209,6 +215,7 @@ def _alignment(device: Device) -> int:
 
 def scratch_size(device: Device, structure: Structure, update: bool) -> int:
     """The scratch bytes of a build or refit, rounded up so that another structure's scratch can follow."""
+    # Scratch of several builds lies in one buffer, and the driver wants each part aligned.
     size = structure.update_scratch_size if update else structure.build_scratch_size
     return -(-size // _alignment(device)) * _alignment(device)
 
@@ -216,5 +223,6 @@ def scratch_size(device: Device, structure: Structure, update: bool) -> int:
 def make_scratch(device: Device, size: int, name: str) -> tuple[Storage, int]:
     """A scratch buffer and its first aligned address."""
     alignment = _alignment(device)
+    # A buffer's own address may be less aligned than scratch must be: there is room to move up.
     scratch = device.buffer(size + alignment, name)
     return scratch, -(-scratch.address // alignment) * alignment

@@ -46,6 +46,7 @@ class Tlas(Structure):
         self.blases: tuple[Blas, ...] = ()
         self.built_records = np.zeros(0, INSTANCE_DTYPE)
         self._checked_at = 0
+        # The address of the instances is set by each build; the sizes need only their number.
         instances = raw.struct(
             "VkAccelerationStructureGeometryKHR",
             geometryType=raw.VK_GEOMETRY_TYPE_INSTANCES_KHR,
@@ -99,6 +100,7 @@ class Tlas(Structure):
             "VkAccelerationStructureBuildRangeInfoKHR*",
             [raw.struct("VkAccelerationStructureBuildRangeInfoKHR", primitiveCount=count)],
         )
+        # The records may have been written, and an earlier frame may trace the structure until now.
         vk.vkCmdPipelineBarrier2(cmd, full_barrier())
         vk.vkCmdBuildAccelerationStructuresKHR(cmd, 1, info, ranges)
         vk.vkCmdPipelineBarrier2(cmd, full_barrier())

@@ -41,6 +41,7 @@ class Block:
 
     def take(self, size: int, alignment: int) -> int | None:
         """Take `size` bytes from the smallest free range that holds them; returns their offset, or None."""
+        # Best fit: the smallest range that holds it leaves large ranges whole.
         best: tuple[int, int, int] | None = None
         for i, (start, length) in enumerate(self.free):
             padding = -start % alignment
@@ -141,9 +142,11 @@ class Allocator:
 
     def choose_type(self, allowed: int, name: str, host: bool) -> int:
         """The first of the allowed memory types with the preferred properties; else with the required ones."""
+        # The host reads uncached memory many times slower. Coherent memory needs no flushes.
         preferred, required = (_MAPPABLE | _CACHED, _MAPPABLE) if host else (_DEVICE_LOCAL, 0)
         for wanted in (preferred, required):
             for i, flags in enumerate(self._type_flags):
+                # Of types with the same properties, the specification has the fastest come first.
                 if allowed >> i & 1 and flags & wanted == wanted:
                     return i
         raise DeviceError(f"{name}: the device has no suitable type of {'mappable' if host else 'device'} memory")
@@ -152,6 +155,7 @@ class Allocator:
         key = (memory_type, host, image)
         if key not in self._pools:
             flags = self._type_flags[memory_type]
+            # Images have the layout of the driver, of which the host can't make use.
             mapped = flags & _MAPPABLE == _MAPPABLE and not image and (host or self._map_device_memory)
             self._pools[key] = Pool(memory_type, mapped, bool(flags & _CACHED))
         return self._pools[key]
@@ -177,11 +181,13 @@ class Allocator:
         device = self.device
         heap = self._type_heaps[pool.memory_type]
         left = self._heap_sizes[heap] - self._heap_reserved[heap]
+        # Refused here, where the message can say how much is left.
         if size > left:
             raise DeviceError(
                 f"{name}: {size:,} bytes of memory are needed, but of the device's {self._heap_sizes[heap]:,} only "
                 f"{left:,} are left: use a smaller scene or picture"
             )
+        # Any buffer may be asked for its address, which its memory must allow from the start.
         flags = raw.struct("VkMemoryAllocateFlagsInfo", flags=raw.VK_MEMORY_ALLOCATE_DEVICE_ADDRESS_BIT)
         info = raw.struct("VkMemoryAllocateInfo", pNext=flags, allocationSize=size, memoryTypeIndex=pool.memory_type)
         out = raw.ffi.new("VkDeviceMemory*")
@@ -191,6 +197,7 @@ class Allocator:
             raise DeviceError(f"{name}: allocating {size:,} bytes failed: {error}") from error
         memory = out[0]
         device.name_object("DeviceMemory", memory, f"memory type {pool.memory_type}, {size >> 20} MiB")
+        # Mapped once for its whole life: a VkDeviceMemory can't be mapped twice, and its parts belong to many.
         pointer = None
         if pool.mapped:
             mapping = raw.ffi.new("void**")

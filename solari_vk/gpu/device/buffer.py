@@ -30,6 +30,7 @@ class Buffer(Storage):
         self.check_range(0, 0, "fill")
 
         def record(cmd: raw.CData) -> None:
+            # The buffer may have been destroyed since; its destruction waits for the next submission as well.
             if self.handle is not None:
                 vk = self.device.vk
                 vk.vkCmdPipelineBarrier2(cmd, full_barrier())

@@ -30,6 +30,7 @@ class Callbacks:
         A callback that raises an Exception doesn't stop the others; CallbackError with all of these exceptions is
         raised at the end. Other exceptions, such as KeyboardInterrupt, are raised at once.
         """
+        # Taken off the queue first: a callback may add others, or wait, which calls callbacks again.
         due = self._due
         self._due = deque()
         failed: list[str] = []
@@ -44,6 +45,7 @@ class Callbacks:
                     failed.append(what)
                     errors.append(error)
         finally:
+            # After an exception that isn't an Exception, such as Ctrl-C, the rest is due at the next call.
             self._due.extendleft(reversed(due))
         if errors:
             raise CallbackError(f"callbacks that failed: {', '.join(failed)}; all others were called", errors)

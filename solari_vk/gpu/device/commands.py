@@ -15,6 +15,7 @@ class CommandPool:
         self._device = device
         create = raw.struct(
             "VkCommandPoolCreateInfo",
+            # Each buffer can be recorded anew by itself; a pool without the flag resets all of them at once.
             flags=raw.VK_COMMAND_POOL_CREATE_RESET_COMMAND_BUFFER_BIT,
             queueFamilyIndex=device.queue_family,
         )

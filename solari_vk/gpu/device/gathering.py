@@ -42,6 +42,7 @@ class GatheringDevice(LogicalDevice):
         """Submit what was gathered so far."""
         if self._gathered:
             gathered, self._gathered = self._gathered, {}
+            # The order in the array is the order of submission.
             infos = raw.array("VkSubmitInfo2", [*gathered.values()])
             try:
                 self.vk.vkQueueSubmit2(self.queue, len(gathered), infos, raw.NULL)

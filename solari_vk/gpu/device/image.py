@@ -70,6 +70,7 @@ class Image:
         requirements = raw.ffi.new("VkMemoryRequirements*")
         device.vk.vkGetImageMemoryRequirements(device.handle, handle, requirements)
         allocation: Allocation | None = None
+        # Views are made when they are first asked for, and destroyed with the image.
         self._views: dict[tuple[int, int], raw.CData] = {}
         views = self._views
 
@@ -85,6 +86,7 @@ class Image:
             allocation = memory.allocate(requirements, f"image {name}", host=False, image=True)
             device.vk.vkBindImageMemory(device.handle, handle, allocation.memory, allocation.offset)
             self.view = self.level_view(0, self.mip_levels)
+        # A new image is in UNDEFINED layout, from which descriptors can't use it.
         device.before_next_submit(self._enter_layout)
 
     def __repr__(self) -> str:
@@ -102,6 +104,7 @@ class Image:
         what = f"image {self.name} of {self.width} x {self.height} in {format_name(self.format)}"
         out = raw.ffi.new("VkImageFormatProperties*")
         try:
+            # Limits depend on format, tiling and usage together; an error means that the combination is unsupported.
             self.device.instance_vk.vkGetPhysicalDeviceImageFormatProperties(
                 self.device.physical_device,
                 self.format,

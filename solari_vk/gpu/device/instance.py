@@ -50,6 +50,7 @@ class Instance:
         if validation:
             extensions.append("VK_EXT_validation_features")
             self._messenger_info = self._listen()
+            # The messenger in the chain hears vkCreateInstance and vkDestroyInstance, the one made below the rest.
             chain = raw.struct(
                 "VkValidationFeaturesEXT",
                 pNext=self._messenger_info,
@@ -91,6 +92,7 @@ class Instance:
             return 0
 
         callback_type = raw.ffi.typeof("PFN_vkDebugUtilsMessengerCallbackEXT")
+        # The driver holds a plain function pointer, so Python must hold the callback.
         self._callback = raw.ffi.callback(callback_type, receive)
         return raw.struct(
             "VkDebugUtilsMessengerCreateInfoEXT",

@@ -79,6 +79,7 @@ class LogicalDevice:
         self.queue_family = chosen.queue_family
         self.timestamp_bits = chosen.timestamp_bits
         optional = [name for name in OPTIONAL_EXTENSIONS if name in chosen.extensions]
+        # VK_KHR_swapchain depends on VK_KHR_surface of the instance.
         if "VK_KHR_surface" not in self._instance.extensions and "VK_KHR_swapchain" in optional:
             optional.remove("VK_KHR_swapchain")
         self.extensions = frozenset([*REQUIRED_EXTENSIONS, RAYS[self.rays], *optional])
@@ -100,6 +101,7 @@ class LogicalDevice:
         out = raw.ffi.new("VkDevice*")
         self.instance_vk.vkCreateDevice(self.physical_device, create, raw.NULL, out)
         self.handle: raw.CData = out[0]
+        # Functions of the device itself skip the loader's dispatch, which takes time at each call.
         self.vk = raw.device_functions(self.handle, self._on_error)
         queues = raw.ffi.new("VkQueue*")
         self.vk.vkGetDeviceQueue(self.handle, self.queue_family, 0, queues)
@@ -154,6 +156,7 @@ class LogicalDevice:
         if not name or not self._has_debug_utils:
             return
         spaced = re.sub("(?<=[a-z])(?=[A-Z])", "_", kind).upper()
+        # VK_OBJECT_TYPE_ names are those of the handles with underscores: "ImageView" is IMAGE_VIEW.
         object_type = getattr(raw, f"VK_OBJECT_TYPE_{spaced.removesuffix('KHR').removesuffix('_')}")
         info = raw.struct(
             "VkDebugUtilsObjectNameInfoEXT",

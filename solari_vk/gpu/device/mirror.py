@@ -31,6 +31,7 @@ class Mirror:
         """Copy the array now, and to the buffer at the head of the next submission. Raises DeviceError for a device
         that is closed."""
         self._device.check_open()
+        # A staging buffer that no pending copy reads; with two frames in flight there are soon enough of them.
         way = self._free.pop() if self._free else self._make_way()
         try:
             way[0][:] = self._memory.data

@@ -11,6 +11,7 @@ from solari_vk.base.errors import DeviceError, quoted
 from solari_vk.gpu.device import raw
 from solari_vk.gpu.device.rays import AUTO, EXTENSIONS, RAYS
 
+# VK_KHR_acceleration_structure depends on VK_KHR_deferred_host_operations, though nothing here defers any.
 REQUIRED_EXTENSIONS = ("VK_KHR_acceleration_structure", "VK_KHR_deferred_host_operations")
 OPTIONAL_EXTENSIONS = (
     "VK_KHR_ray_tracing_position_fetch",
@@ -182,6 +183,7 @@ class PhysicalDevice:
         if self.properties.api_version < (1, 3):
             return {}
         chain, parts = feature_chain(dict.fromkeys(self._groups(), ()))
+        # The driver sets a field of the chain to VK_TRUE where the device has the feature.
         vk.vkGetPhysicalDeviceFeatures2(self.handle, chain)
         return {
             group: {name for name, _ in raw.ffi.typeof(_STRUCTURES[group]).fields if getattr(part, name) == 1}

@@ -24,6 +24,8 @@ class PipelineCache:
     def __init__(self, device: WorkQueue) -> None:
         properties = raw.ffi.new("VkPhysicalDeviceProperties*")
         device.instance_vk.vkGetPhysicalDeviceProperties(device.physical_device, properties)
+        # VkPipelineCacheHeaderVersionOne has vendor, device and a UUID of the driver: data of another maker is refused
+        # here, before the driver sees it.
         header = struct.pack(
             "<4I", _HEADER_BYTES, raw.VK_PIPELINE_CACHE_HEADER_VERSION_ONE, properties.vendorID, properties.deviceID
         ) + bytes(properties.pipelineCacheUUID)
@@ -50,6 +52,7 @@ class PipelineCache:
         get = self._device.vk.vkGetPipelineCacheData
         size = raw.ffi.new("size_t*")
         get(self._device.handle, self.handle, size, raw.NULL)
+        # Nothing was added: writing megabytes again would take longer than the frame.
         if size[0] == self._saved_bytes:
             return
         data = raw.ffi.new("char[]", size[0])

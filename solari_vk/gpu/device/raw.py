@@ -55,6 +55,8 @@ def api_version(major: int, minor: int, patch: int = 0) -> int:
 
 # ---- structures -------------------------------------------------------------------------------------
 
+# cffi owns what it allocates only while its cdata lives. A structure with pointers needs the targets alive as
+# long as itself, so each allocation here is held by the cdata that points to it.
 _keeps: weakref.WeakKeyDictionary[CData, list[Any]] = weakref.WeakKeyDictionary()
 _STRUCTURE_TYPES = {
     name.replace("_", "").removeprefix("VKSTRUCTURETYPE"): value
@@ -78,6 +80,7 @@ def struct(type_name: str, **fields: Any) -> CData:
 
 def array(type_name: str, items: Sequence[Any]) -> CData:
     """A C array of structures from `struct`, handles, numbers or strings; it keeps alive what they point to."""
+    # C has no arrays of length 0; the caller passes the count.
     block = ffi.new(f"{type_name}[]", max(len(items), 1))
     _keeps[block] = [_assign(block, i, ffi.typeof(type_name), item) for i, item in enumerate(items)]
     return block
@@ -85,6 +88,7 @@ def array(type_name: str, items: Sequence[Any]) -> CData:
 
 def _fill(target: CData, ctype: Any, fields: Mapping[str, Any]) -> list[Any]:
     members = dict(ctype.fields)
+    # VkBaseInStructure: what has sType and pNext must say what it is, or drivers ignore or misread the chain.
     if "sType" in members and "pNext" in members and "sType" not in fields:
         target.sType = _STRUCTURE_TYPES[ctype.cname.removeprefix("struct ").removeprefix("Vk").upper()]
     kept = []
@@ -126,6 +130,7 @@ def _pointee(ctype: Any, value: Any) -> Any:
         return value
     if isinstance(value, str):
         return ffi.new("char[]", value.encode())
+    # A C string ends with a zero byte, which ffi.new adds and from_buffer doesn't.
     if isinstance(value, bytes) and ctype.item.kind == "primitive" and ctype.item.cname == "char":
         return ffi.new("char[]", value)
     if isinstance(value, (list, tuple)):
@@ -213,6 +218,7 @@ def enumerate_items(function: Callable[..., Any], type_name: str, *arguments: An
     if ffi.typeof(type_name).kind == "struct" and "sType" in dict(ffi.typeof(type_name).fields):
         for i in range(count[0]):
             _fill(items[i], ffi.typeof(type_name), {})
+    # The number may have changed between the calls; the second call writes at most `count` items.
     function(*arguments, count, items)
     found = [items[i] for i in range(count[0])]
     for item in found:  # an element is a view of the array, which must live as long

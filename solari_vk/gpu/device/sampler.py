@@ -30,6 +30,7 @@ class Sampler:
         modes = {
             "nearest": raw.VK_SAMPLER_MIPMAP_MODE_NEAREST,
             "linear": raw.VK_SAMPLER_MIPMAP_MODE_LINEAR,
+            # Vulkan has no mode without mip levels: maxLod below keeps the sampler at the largest one.
             "none": raw.VK_SAMPLER_MIPMAP_MODE_NEAREST,
         }
         wraps = {

@@ -36,6 +36,7 @@ class SharedObjects(Generic[Value]):
 
     def release(self, key: Hashable) -> None:
         """Say that one user less needs the object."""
+        # An object without users stays as the latest unused one; the one unused for longest goes first.
         self._users[key] -= 1
         if not self._users[key]:
             self._unused[key] = None

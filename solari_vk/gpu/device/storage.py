@@ -10,6 +10,7 @@ from solari_vk.base.errors import DeviceError, SolariError
 from solari_vk.gpu.device import raw
 from solari_vk.gpu.device.allocator import Allocation, Allocator
 
+# All usages that any caller needs, so that every buffer can be used anywhere.
 BUFFER_USAGE = (
     raw.VK_BUFFER_USAGE_TRANSFER_SRC_BIT
     | raw.VK_BUFFER_USAGE_TRANSFER_DST_BIT
@@ -43,12 +44,14 @@ class Storage:
         self.device = device = memory.device
         self.size = int(size_bytes)
         self.name = name
+        # maxMemoryAllocationSize may be smaller than maxBufferSize, and a buffer lies in one allocation.
         limit = min(device.properties.max_buffer_size, device.properties.max_allocation_size)
         if not 0 <= self.size <= limit:
             raise DeviceError(
                 f"buffer {name}: {self.size:,} bytes, but this device's buffers hold at most {limit:,}: "
                 "use a smaller scene or picture"
             )
+        # Vulkan has no empty buffers.
         create = raw.struct("VkBufferCreateInfo", size=max(-(-self.size // 16) * 16, 16), usage=usage)
         self.handle = handle = device.create("VkBuffer", create, name)
         requirements = raw.ffi.new("VkMemoryRequirements*")
@@ -61,6 +64,7 @@ class Storage:
                 memory.free(allocation)
 
         with device.undone_on_error():
+            # Registered before memory is bound, so that an error below destroys the buffer.
             self._token = device.own(destroy)
             allocation = memory.allocate(requirements, f"buffer {name}", host=host)
             device.vk.vkBindBufferMemory(device.handle, handle, allocation.memory, allocation.offset)

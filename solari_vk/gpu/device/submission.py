@@ -33,6 +33,7 @@ class Submission:
             signalSemaphoreInfoCount=1 + len(signals),
             pSignalSemaphoreInfos=self._signals,
         )
+        # Command buffers of others run ahead of these; the array is filled from its end, so few or none cost nothing.
         self._make_room(4)
 
     def _make_room(self, count: int) -> None:
@@ -59,6 +60,7 @@ class Submission:
 def _semaphores(items: Sequence[SemaphoreValue]) -> raw.CData:
     pairs = [item if isinstance(item, tuple) else (item, 0) for item in items]
     infos = [
+        # All commands of a submission wait, and all must be done before it signals.
         raw.struct("VkSemaphoreSubmitInfo", semaphore=semaphore, value=value, stageMask=ALL_COMMANDS)
         for semaphore, value in pairs
     ]

@@ -29,10 +29,12 @@ class StagingPool:
         self.device = memory.device
         self._chunks: list[Storage] = []
         self._large: Storage | None = None
+        # What is kept for later goes first when memory runs out.
         memory.on_shortage = self.trim
 
     def take(self, size: int) -> Storage:
         """A mapped buffer of at least `size` bytes; return it with `give` when the copy is done."""
+        # Small pieces share the size of a chunk, so that any free chunk serves any of them.
         if size <= CHUNK_SIZE and self._chunks:
             return self._chunks.pop()
         if size > CHUNK_SIZE and self._large is not None and size <= self._large.size:
@@ -45,6 +47,7 @@ class StagingPool:
         latest larger one that results were read through."""
         if self.device.closed:
             return
+        # Results of a frame have the same size in each frame; uploads of large scenes happen once.
         if was_read and CHUNK_SIZE < chunk.size <= LARGEST_KEPT:
             self._free_large()
             self._large = chunk

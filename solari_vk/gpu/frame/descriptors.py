@@ -42,6 +42,7 @@ class DescriptorSets:
             sizes[kind] = sizes.get(kind, 0) + (binding.count or counts[binding.set])
         create = raw.struct(
             "VkDescriptorPoolCreateInfo",
+            # The limits of descriptors in update-after-bind sets are much higher, which bindless textures need.
             flags=raw.VK_DESCRIPTOR_POOL_CREATE_UPDATE_AFTER_BIND_BIT,
             maxSets=SET_COUNT,
             poolSizeCount=len(sizes),
@@ -53,6 +54,7 @@ class DescriptorSets:
             self._token = device.own(lambda: device.vk.vkDestroyDescriptorPool(device.handle, pool, raw.NULL))
             for index, layout in enumerate(interface.set_layouts):
                 variable = None
+                # Only the last binding of a set may have a variable count; the layout says up to which.
                 if counts[index]:
                     variable = raw.struct(
                         "VkDescriptorSetVariableDescriptorCountAllocateInfo",
@@ -103,6 +105,7 @@ class DescriptorSets:
             handle = getattr(resource, "handle", None)
             if handle is None or isinstance(resource, (Buffer, Image)):
                 raise SolariError(f"{binding.name} takes an acceleration structure, not {resource!r}")
+            # Structures come by the pNext chain, unlike buffers and images.
             chain = raw.struct(
                 "VkWriteDescriptorSetAccelerationStructureKHR",
                 accelerationStructureCount=1,
@@ -142,6 +145,7 @@ class DescriptorSets:
             item, sampler = item
             info.sampler = _expect(binding, sampler, Sampler).handle
         image = _expect(binding, item, Image)
+        # A storage image is one level: shaders can't write a view of several.
         info.imageView = image.level_view(0) if binding.kind == "storage_image" else image.view
         info.imageLayout = image.layout
 

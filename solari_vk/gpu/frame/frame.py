@@ -94,6 +94,7 @@ class Frame(InParts):
             self._pool = CommandPool(device, "frame")
             self._slots = [Slot(device, index, self._pool) for index in range(SIDES)]
             self._latest, self._gathered_slots = self._slots[0], SIDES
+            # A barrier alone, submitted ahead of command buffers that bring none of their own.
             self._order = Recorded(device, lambda cmd: device.vk.vkCmdPipelineBarrier2(cmd, full_barrier()), "order")
             self.rebuild()
             undo.pop_all()
@@ -124,6 +125,7 @@ class Frame(InParts):
             resources.destroy_all_but(self._resources)
             self._builder.discard(program, self._program)
             raise
+        # From here on nothing can fail, so the frame is either as before or wholly the new one.
         old, self._program = self._program, program
         self._barriers = plan_barriers(accesses, self._barrier_every_pass)
         self._accesses = accesses
@@ -173,11 +175,13 @@ class Frame(InParts):
         """
         self.check_open()
         slot = self._next_slot
+        # The slot's uniforms and command buffer are in use until its previous frame is done.
         self.device.await_value(slot.value)
         if slot.stale:
             slot.record(self._barriers)
             if self.device.properties.kind == "cpu":
                 slot.run_new()
+        # In each frame: a structure may have been destroyed or built since the one before.
         for structure in self._structures:
             structure.check_usable()
         slot.uniform_target[:] = slot.uniform_source

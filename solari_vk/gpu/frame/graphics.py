@@ -29,6 +29,7 @@ class Targets:
 
 def graphics_create_info(stages: list[raw.CData], targets: Targets, layout: raw.CData) -> raw.CData:
     """VkGraphicsPipelineCreateInfo. Counter-clockwise triangles are front faces; larger depths are nearer."""
+    # The color over what is there, by its alpha; the alpha channel keeps the coverage of both.
     blend = raw.struct(
         "VkPipelineColorBlendAttachmentState",
         blendEnable=int(targets.blends),
@@ -41,6 +42,7 @@ def graphics_create_info(stages: list[raw.CData], targets: Targets, layout: raw.
     count = len(targets.colors)
     return raw.struct(
         "VkGraphicsPipelineCreateInfo",
+        # Dynamic rendering: the formats of the attachments, in place of a render pass.
         pNext=raw.struct(
             "VkPipelineRenderingCreateInfo",
             colorAttachmentCount=count,
@@ -49,6 +51,7 @@ def graphics_create_info(stages: list[raw.CData], targets: Targets, layout: raw.
         ),
         stageCount=len(stages),
         pStages=stages,
+        # No vertex attributes: shaders read vertices from buffers by gl_VertexIndex.
         pVertexInputState=raw.struct("VkPipelineVertexInputStateCreateInfo"),
         pInputAssemblyState=raw.struct(
             "VkPipelineInputAssemblyStateCreateInfo", topology=raw.VK_PRIMITIVE_TOPOLOGY_TRIANGLE_LIST
@@ -64,6 +67,7 @@ def graphics_create_info(stages: list[raw.CData], targets: Targets, layout: raw.
             "VkPipelineDepthStencilStateCreateInfo",
             depthTestEnable=int(targets.depth != 0),
             depthWriteEnable=int(targets.depth != 0),
+            # Reversed depth, whose floats are spread evenly over distances.
             depthCompareOp=raw.VK_COMPARE_OP_GREATER,
         ),
         pColorBlendState=raw.struct(

@@ -90,6 +90,7 @@ def plan_barriers(steps: Sequence[Accesses], every_step: bool = False) -> list[B
     Work before the first step must be ordered already.
     """
     parts = [part for step in steps for part in (step.reads, step.writes)]
+    # One target for all barriers: whatever of the frame comes later is ordered, not the next step alone.
     target = reduce(operator.or_, (masks for part in parts for masks in part.values()), NOTHING)
     barriers: list[Barrier | None] = []
     pending = _Pending()
@@ -106,6 +107,7 @@ def plan_barriers(steps: Sequence[Accesses], every_step: bool = False) -> list[B
     return barriers
 
 
+# A barrier orders everything before it, so each begins a new account.
 class _Pending:
     """The accesses since the previous barrier."""
 
@@ -118,6 +120,7 @@ class _Pending:
     def hazards(self, step: Accesses) -> list[Hazard]:
         found = [Hazard(name, "RAW", self._writers[name]) for name in step.reads if name in self._writers]
         for name in step.writes:
+            # A step that also reads has a RAW hazard already, whose barrier orders the write too.
             if name in self._writers and name not in step.reads:
                 found.append(Hazard(name, "WAW", self._writers[name]))
             elif name in self._readers and name not in self._writers:

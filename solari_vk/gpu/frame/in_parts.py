@@ -42,10 +42,12 @@ class InParts:
             else:
                 self.device.submit_prepared(slot.submission)
             return
+        # Each part is a submission that the host waits for, so that nothing runs when the frame is given up.
         self.device.submit([self._order.commands, *before])
         parts = slot.submission.commands
         for number, part in enumerate(parts, 1):
             self.device.await_value(self.device.submit([part]))
+            # The end of the last part is that of the frame: nothing is left to give up.
             if self._between is not None and number < len(parts) and self._between():
                 slot.stale = True  # its timestamps are of no frame
                 raise Interrupted

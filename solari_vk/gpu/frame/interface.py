@@ -72,6 +72,7 @@ def merge_bindings(modules: Iterable[Module]) -> dict[str, Binding]:
 def numbered(bindings: Mapping[str, Binding]) -> dict[str, Binding]:
     """The bindings, in each set numbered from 0 in this order, but bindless arrays last."""
     numbers = [count() for _ in range(SET_COUNT)]
+    # A binding with a variable count must be the last one of its set.
     ordered = sorted(bindings.items(), key=lambda item: item[1].count == 0)
     return {name: replace(binding, binding=next(numbers[binding.set])) for name, binding in ordered}
 
@@ -88,6 +89,7 @@ def shared_layout(device: Device, merged: Mapping[str, Binding]) -> dict[str, Bi
     """What the layouts of a frame with these bindings hold, numbered."""
     if device.properties.kind != "cpu":
         return numbered(merged)
+    # Software drivers compile a pipeline anew for each layout: with one for all frames, frames share pipelines.
     return numbered({**_of_package(), **dict(sorted(merged.items()))})
 
 
@@ -120,6 +122,7 @@ class Interface:
     ) -> None:
         self.device = device
         self.laid_out = numbered(merge_bindings(modules)) if laid_out is None else laid_out
+        # Only what the modules have must be bound, whatever the layouts hold.
         names = dict.fromkeys(name for module in modules for name in module.bindings)
         self.bindings = {name: self.laid_out[name] for name in names}
         self._bindless: list[Binding | None] = [self._find_bindless(index) for index in range(SET_COUNT)]
@@ -128,6 +131,7 @@ class Interface:
             device.properties.core12.maxPerStageDescriptorUpdateAfterBindSamplers,
             device.properties.core12.maxDescriptorSetUpdateAfterBindSampledImages,
             device.properties.core12.maxDescriptorSetUpdateAfterBindSamplers,
+            # A combined image and sampler counts as two resources.
             device.properties.core12.maxPerStageUpdateAfterBindResources // 2,
             _BINDLESS_LIMIT,
         )
@@ -145,6 +149,7 @@ class Interface:
             for index in range(SET_COUNT):
                 handles.append(("VkDescriptorSetLayout", self._make_layout(index)))
             self.set_layouts = [handle for _, handle in handles]
+            # One range for all stages, from byte 0 on: pipelines of one layout push what they need of it.
             ranges = [{"stageFlags": raw.VK_SHADER_STAGE_ALL, "size": pushed}] if pushed else []
             create = raw.struct(
                 "VkPipelineLayoutCreateInfo",
@@ -167,6 +172,7 @@ class Interface:
     def linked(self, module: Module, code: bytes | None = None) -> bytes:
         """The SPIR-V of a module, or its `code` made from that, with the numbers of this interface."""
         words = np.frombuffer(module.spirv if code is None else code, np.uint32).copy()
+        # Decorations come before all functions: the rest of the module is copied as it is.
         at = _HEADER_WORDS
         while words[at] & 0xFFFF != spv.OP_FUNCTION:
             if words[at] & 0xFFFF == spv.OP_DECORATE and words[at + 2] == spv.DECORATION_BINDING:

@@ -19,6 +19,7 @@ class Kernel:
 
     def __init__(self, device: Device, path: str) -> None:
         self._device = device
+        # Writes by address, from which no barrier of a frame could be derived, are fine here: the caller has its own.
         module = spirv.reflect(compile_shader(path), path, writes_by_address=True)
         assert module.push_constants is not None
         self._pushed = np.zeros(1, module.push_constants)
@@ -36,6 +37,7 @@ class Kernel:
         vk.vkCmdBindPipeline(commands, _COMPUTE, self._pipeline.handle)
         layout, data = self._interface.pipeline_layout, raw.ffi.from_buffer(self._pushed)
         vk.vkCmdPushConstants(commands, layout, raw.VK_SHADER_STAGE_ALL, 0, self._pushed.nbytes, data)
+        # Rounded up to whole workgroups: shaders return where the invocation is beyond the end.
         x, y = (-(-count // size) for count, size in zip(threads, self.local_size, strict=False))
         vk.vkCmdDispatch(commands, x, y, 1)
 

@@ -89,6 +89,7 @@ class Pipelines:
         with ExitStack() as shaders:
             for item in wanted:
                 specializations, values = _specializations(item.name, item.modules, item.constants)
+                # The key says all that a driver sees: code, kind, values of constants, and layout.
                 digests = tuple(hashlib.sha256(module.spirv).digest() for module in item.modules)
                 key = (digests, item.kind, tuple(sorted(values.items())), interface.key)
                 keys.append(key)
@@ -161,6 +162,7 @@ class Pipelines:
         """Create pipelines in as many threads as there are processors: drivers compile for up to seconds."""
         if not missing:
             return
+        # vkCreate*Pipelines run in C without Python's lock; the pipeline cache allows several threads.
         threads = ThreadPoolExecutor(os.cpu_count())
         futures: dict[PipelineKey, Future[raw.CData]] = {}
         try:
@@ -203,6 +205,7 @@ class Pipelines:
         if self._acquire(key):  # another frame has made it meanwhile, called by `on_compile`
             destroy()
             return None
+        # From here on the pipeline belongs to the device, and outlives the frame that asked for it.
         device.share(token)
         addresses = self._addresses.pop(key, ())
         self._acquired[key] = Pipeline(item, handle, _BIND_POINTS[type(item.kind)], table, addresses)
@@ -215,6 +218,7 @@ class Pipelines:
         """A VkPipelineShaderStageCreateInfo, valid until `shaders` closes."""
         device = self._device
         code = np.frombuffer(linked, np.uint32)
+        # A module is needed only until the pipelines that use it are made.
         create = raw.struct("VkShaderModuleCreateInfo", codeSize=code.nbytes, pCode=code)
         shader = device.create("VkShaderModule", create, name)
         shaders.callback(device.vk.vkDestroyShaderModule, device.handle, shader, raw.NULL)

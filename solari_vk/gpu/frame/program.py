@@ -67,6 +67,7 @@ class Program:
 
     def accesses(self, bound: Mapping[str, Any]) -> list[Accesses]:
         """The accesses of each step. A resource with several names appears under the first."""
+        # Two names of one buffer, such as those of an alias, must count as one resource, or a hazard would be missed.
         first: dict[int, str] = {}
         for name, resource in bound.items():
             first.setdefault(id(resource), name)
@@ -153,6 +154,7 @@ class ProgramBuilder:
         modules = Modules(self._device, self._root, old.modules if old else {}, features)
         shaders = modules.add(items)
         merged = merge_bindings(modules.values())
+        # With the same interface, pipelines and descriptor sets of the frame before stay valid.
         if old is not None and old.interface.fits(merged, modules.values()):
             interface = old.interface
         else:
@@ -196,6 +198,7 @@ class ProgramBuilder:
         return BuiltStep(info.name, item, tuple(info.modules), pipeline, counts)
 
     def _counts(self, name: str, item: Pass, module: Module) -> tuple[int, int, int]:
+        # Threads become workgroups by the shader's own local size, so that a pass never repeats it.
         threads = (item.threads,) if isinstance(item.threads, int) else tuple(item.threads or ())
         if not 1 <= len(threads) <= 3 or min(threads) < 1:
             found = quoted(item.threads)

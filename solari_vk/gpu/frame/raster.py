@@ -15,7 +15,9 @@ from solari_vk.gpu.frame.stages import Draw
 Attachment = tuple[raw.CData, int]
 """A VkImageView and the layout that its image is in."""
 
+# The stride between commands in the indirect buffer: they lie without gaps.
 _COMMAND_BYTES = raw.ffi.sizeof("VkDrawIndirectCommand")
+# One indirect command for each instance, and shaders of draws that write the G-buffer's storage buffers.
 NEEDED = (
     "multiDrawIndirect",
     "drawIndirectFirstInstance",
@@ -76,6 +78,7 @@ def rendering(
         pDepthAttachment=None if depth is None else attachment(depth),
     )
     vk.vkCmdBeginRendering(cmd, info)
+    # Viewport, scissor and culling are dynamic state: a pipeline serves all sizes.
     vk.vkCmdSetViewport(cmd, 0, 1, raw.struct("VkViewport", **extent, maxDepth=1))
     vk.vkCmdSetScissor(cmd, 0, 1, raw.struct("VkRect2D", extent=extent))
     vk.vkCmdSetCullMode(cmd, raw.VK_CULL_MODE_NONE)
@@ -90,11 +93,13 @@ def record_draw(device: Device, cmd: raw.CData, item: Draw, bound: Mapping[str, 
     for name, image in zip(item.colors, images, strict=False):
         if (image.width, image.height) != (images[-1].width, images[-1].height):
             raise SolariError(f"pass {item.name}: {name} and {item.depth} differ in size")
+    # All images stay in one layout (GENERAL), so drawing needs no transition.
     *colors, depth = [(image.view, image.layout) for image in images]
     with rendering(device, cmd, (images[-1].width, images[-1].height), colors, depth, clears=item.clears):
         for draws in item.draws:
             vk.vkCmdSetCullMode(cmd, raw.VK_CULL_MODE_BACK_BIT if draws.culls_backs else raw.VK_CULL_MODE_NONE)
             commands, count = bound[draws.commands].handle, bound[draws.count].handle
+            # Without the feature all max_count commands run; those behind the count must draw nothing.
             if "drawIndirectCount" in device.features:
                 vk.vkCmdDrawIndirectCount(cmd, commands, 0, count, draws.count_offset, draws.max_count, _COMMAND_BYTES)
             else:

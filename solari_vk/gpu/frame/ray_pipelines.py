@@ -46,6 +46,7 @@ def ray_create_info(stages: Sequence[raw.CData], groups: RayGroups, layout: raw.
         pStages=list(stages),
         groupCount=len(infos),
         pGroups=infos,
+        # A deeper stack would take memory for each thread.
         maxPipelineRayRecursionDepth=1,
         layout=layout,
     )
@@ -78,6 +79,7 @@ class ShaderBindingTable:
 
     def __init__(self, device: Device, pipeline: raw.CData, groups: RayGroups, name: str) -> None:
         properties = device.properties.ray_pipelines
+        # Handles lie at multiples of one alignment, and the regions of a table at multiples of another, larger one.
         size, base = properties.shaderGroupHandleSize, properties.shaderGroupBaseAlignment
         stride = _aligned(size, properties.shaderGroupHandleAlignment)
         counts = (1, len(groups.misses), len(groups.hits))
@@ -85,10 +87,12 @@ class ShaderBindingTable:
         device.vk.vkGetRayTracingShaderGroupHandlesKHR(
             device.handle, pipeline, 0, len(handles), handles.nbytes, raw.ffi.from_buffer(handles)
         )
+        # Where each region begins: ray generation, misses, hits.
         starts = np.cumsum([0, *(_aligned(count * stride, base) for count in counts)]).tolist()
         self._buffer = device.buffer(
             starts[-1] + base, f"shader binding table of {name}", usage=_TABLE_USAGE, shared=True
         )
+        # The address of the buffer itself may be less aligned.
         first = _aligned(self._buffer.address, base)
         records = np.zeros(starts[-1], np.uint8)
         self.regions = []
@@ -99,6 +103,7 @@ class ShaderBindingTable:
             at += count
             region = {"deviceAddress": first + start, "stride": stride, "size": count * stride} if count else {}
             self.regions.append(raw.struct("VkStridedDeviceAddressRegionKHR", **region))
+        # No callable shaders.
         self.regions.append(raw.struct("VkStridedDeviceAddressRegionKHR"))
         try:
             self._buffer.upload(records, first - self._buffer.address)
@@ -118,6 +123,7 @@ def _aligned(value: int, alignment: int) -> int:
 def check_launch(device: Device, name: str, threads: tuple[int, int, int]) -> None:
     """Raise SolariError if the device can't launch so many threads at once."""
     limits, most = device.properties.limits, device.properties.ray_pipelines.maxRayDispatchInvocationCount
+    # vkCmdTraceRaysKHR is limited in each dimension by the product of the compute limits.
     sides = [
         count * size
         for count, size in zip(limits.maxComputeWorkGroupCount, limits.maxComputeWorkGroupSize, strict=True)

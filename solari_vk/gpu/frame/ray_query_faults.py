@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 RAY_QUERY_DEBUG = "#define RAY_QUERY_DEBUG"
 """The header of a pass whose ray queries are checked. Its stage must declare FAULT_BUFFERS as well."""
 
+# The keys become constants of the shaders by `glsl_header`; the order of rows is that of the buffer.
 FAULTS = {
     "get_before_proceed": "an intersection was read before the first rayQueryProceed",
     "committed_while_candidate": "rayQueryGetCommittedIntersection while there is a candidate",

@@ -44,6 +44,7 @@ class Resources:
         for name, made in self._made.items():
             found[name] = made.items[slot % len(made.items)]
             if len(made.items) > 1:
+                # What one slot writes is what the other one reads as previous: no copy is ever made.
                 found[PREVIOUS + name] = made.items[1 - slot]
         return found | {name: found[size.host] for name, size in self._aliased.items()}
 
@@ -117,6 +118,7 @@ def image_format(name: str) -> int:
 
 
 _STORED = raw.VK_IMAGE_USAGE_STORAGE_BIT | raw.VK_IMAGE_USAGE_SAMPLED_BIT
+# Storage usage of depth formats is rarely supported, so a depth image is an attachment and nothing else.
 _USAGES = {
     "": _STORED,
     "color": _STORED | raw.VK_IMAGE_USAGE_COLOR_ATTACHMENT_BIT,

@@ -64,12 +64,14 @@ class Slot:
 
     def renew(self, program: Program, bound: Mapping[str, Any], uniforms: Uniforms) -> None:
         """Use other pipelines, resources and uniform blocks from the next recording on."""
+        # Sets belong to a layout; other resources with the same layout are written to the same sets.
         if self._sets is not None and self._program is not None and self._program.interface is not program.interface:
             self._sets.destroy()
             self._sets = None
         self._program = program
         self._bound = dict(bound)
         size = uniforms.memory.nbytes
+        # The old buffer is freed when the slot's frame in flight is done.
         if self._uniforms is not None and self._uniforms.size != size:
             self._uniforms.destroy()
             self._uniforms = None
@@ -95,10 +97,12 @@ class Slot:
         vk = self._device.vk
         self._write_sets(self._program)
         self._make_queries(len(self._program.steps) + 1)
+        # In parts, each band of each step has a command buffer, and the host may stop between any two.
         parts = [self._bands(step) if self.in_parts else (None,) for step in self._program.steps]
         count = max(sum(map(len, parts)), 1) if self.in_parts else 1
         if count > len(self._made):
             self._made += self._pool.allocate(count - len(self._made))
+        # A submission is a structure for exactly these buffers.
         if count != len(self.submission.commands):
             self.submission = self._device.submission(self._made[:count])
         self._begin(0)

@@ -57,8 +57,10 @@ class Modules(dict[ModuleKey, Module]):
             waiting = [threads.submit(self._spirv, key) for key in keys]
             names = [path for path, _ in keys]
             with announced(self._device.on_compile, "shaders", names, waiting) as items:
+                # Waited for in the order of the list, so that the first error is always that of the first shader.
                 compiled = [made.result() for made in items]
         for key, spirv in zip(keys, compiled, strict=True):
+            # Reflection takes longer than the comparison of bytes, so what is unchanged is reused.
             known = self._old.get(key)
             self[key] = known if known and known.spirv == spirv else reflect(spirv, key[0])
 
@@ -77,6 +79,7 @@ class Modules(dict[ModuleKey, Module]):
                     "open it with rays='pipeline'"
                 )
             return _ray_shaders(keys, item.misses, item.hits, item.header)
+        # `compile_shader` has made a ray generation shader of a compute shader that traces.
         if isinstance(item, Pass) and self[keys[0]].main.stage == "rgen":
             return _ray_shaders(keys, [_MISS], [self._hit], "")
         return StepShaders(keys)
@@ -92,9 +95,11 @@ def _entry_points(item: Pass | Draw | Step) -> list[ModuleKey]:
 
 def _ray_shaders(own: list[ModuleKey], misses: Sequence[str], hits: Sequence[HitGroup], header: str) -> StepShaders:
     """A ray generation shader with the shaders of its misses and hits, each once, and their groups."""
+    # A shader that several groups share is one stage of the pipeline.
     paths = dict.fromkeys(
         [*misses, *(path for hit in hits for path in (hit.closest_hit, hit.any_hit, hit.intersection))]
     )
+    # Shader 0 generates the rays, so the others count from 1.
     number = {path: index for index, path in enumerate(filter(None, paths), 1)}
     groups = RayGroups(
         tuple(number[path] for path in misses),

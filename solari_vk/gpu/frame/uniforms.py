@@ -59,6 +59,7 @@ class Uniforms:
         """Replace the blocks. A field that existed before with the same type keeps its value."""
         if blocks == self._types:
             return
+        # Blocks are ranges of one buffer: each must begin at the device's alignment for uniform buffers.
         offsets: dict[str, int] = {}
         end = 0
         for name, dtype in blocks.items():
@@ -111,6 +112,7 @@ class Uniforms:
     def __setitem__(self, name: str, value: Any) -> None:
         target = self._field(name)
         shape = value.shape if isinstance(value, np.ndarray) else np.shape(value)
+        # numpy would repeat a smaller array silently; only plain numbers may fill a field.
         if shape != target.shape[1:] and shape:
             raise SolariError(f"the uniform {name} has shape {target.shape[1:]}, not {shape}")
         try:

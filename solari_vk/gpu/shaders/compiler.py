@@ -253,6 +253,7 @@ def _module(sources: Sources, path: str, header: str, features: bool, traces: bo
             raise SolariError(f"there is no shader {path} in {', '.join(map(str, sources.roots))}")
         defines = _defines(sources, path, features, traces)
         source_key = _key(sources, path, header, defines)
+        # A shipped module counts only for exactly these sources, whose texts are part of the key.
         for base in sources.roots:
             shipped = shader_cache.shipped(base, source_key)
             if shipped is not None:
@@ -267,6 +268,7 @@ def _module(sources: Sources, path: str, header: str, features: bool, traces: bo
 
 def _compile(folders: Sequence[Path], file: Path, header: str, defines: Sequence[str], optimization: str) -> bytes:
     source, stage = file.read_text(encoding="utf-8"), file.suffix.lstrip(".")
+    # Ray generation shaders have no local size.
     if ray_generation.DEFINE in defines:
         source, stage = ray_generation.without_local_size(source), "rgen"
     source = _with_header(source, header, file, "".join(f"#define {name}\n" for name in defines))
@@ -279,6 +281,7 @@ def _with_header(source: str, header: str, file: Path, defines: str) -> str:
     if not header and not defines:
         return source
     lines = source.splitlines(keepends=True)
+    # GLSL wants #version first, and #extension before all other code.
     at = max((number for number, line in enumerate(lines, 1) if _DIRECTIVE.match(line)), default=0)
     name = file.as_posix()
     added = f'{defines}#line 1 "{name} (header)"\n{header}\n#line {at + 1} "{name}"\n'
@@ -294,6 +297,7 @@ def build_all(root: str | os.PathLike[str], out: str | os.PathLike[str]) -> list
     sources = Sources(roots(base))
     files = sorted(path for path in base.rglob("*") if path.suffix.lstrip(".") in shaderc.STAGES)
     paths = [file.relative_to(base).as_posix() for file in files]
+    # shaderc runs in C without Python's lock, so threads compile at the same time.
     with ThreadPoolExecutor(os.cpu_count()) as threads:
         made = list(threads.map(lambda path: list(_shipped_modules(sources, path)), paths))
     shader_cache.ship(Path(out), dict(module for modules in made for module in modules))

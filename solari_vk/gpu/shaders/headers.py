@@ -36,6 +36,7 @@ def header_text(include: str, where: str) -> bytes:
     try:
         module = importlib.import_module(name)
     except ModuleNotFoundError as error:
+        # An import that fails inside the module is the module's own error, and says more.
         if error.name is None or not name.startswith(error.name):
             raise
         raise CompilationError(f'{where}: error: "{include}": there is no module {name}') from None

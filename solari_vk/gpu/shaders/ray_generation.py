@@ -28,6 +28,7 @@ _LOCAL_SIZE = re.compile(r"\blayout\s*\([^()]*\blocal_size_[^()]*\)\s*in\s*;")
 
 def without_local_size(source: str) -> str:
     """The text of a compute shader without its local size; its lines keep their numbers."""
+    # Line breaks inside the declaration stay, so that errors name the right lines.
     return _LOCAL_SIZE.sub(lambda found: "\n" * found[0].count("\n"), source)
 
 

@@ -54,6 +54,7 @@ class Sources:
         waiting = [path]
         while waiting:
             name = waiting.pop()
+            # A file may be included by several; its text and includes are read once.
             if name not in found:
                 found[name] = self._text(name)
                 if name not in self._includes:

@@ -184,6 +184,7 @@ def compile_source(
             suppress_warnings,
             warnings_as_errors,
         )
+    # shaderc reads an include's text until it calls `release`: the strings must live until then.
     kept: dict[Any, Any] = {}
 
     @_ffi().callback("resolve")  # type: ignore[untyped-decorator]
@@ -208,10 +209,12 @@ def compile_source(
     try:
         loaded.shaderc_compile_options_set_source_language(options, LANGUAGES[language])
         loaded.shaderc_compile_options_set_optimization_level(options, OPTIMIZATIONS[optimization])
+        # Reflection finds resources by name, which only debug information has.
         loaded.shaderc_compile_options_set_generate_debug_info(options)
         loaded.shaderc_compile_options_set_target_env(options, 0, VULKAN_1_3)
         loaded.shaderc_compile_options_set_target_spirv(options, SPIRV_1_6)
         loaded.shaderc_compile_options_set_include_callbacks(options, resolve, release, _ffi().NULL)
+        # GLSL for Vulkan wants a binding on every resource; the interface gives its own numbers afterwards.
         loaded.shaderc_compile_options_set_auto_bind_uniforms(options, True)
         for macro, value in macros.items():
             text = macro.encode(), str(value).encode()
@@ -236,6 +239,7 @@ def compile_source(
 
 def _include(requested: str, kind: int, requesting: str, include_paths: Sequence[str]) -> tuple[str, bytes]:
     """Name and text of an included file. With an empty name, shaderc reports the text as an error."""
+    # #include <...> isn't looked up beside the including file.
     beside = [] if kind == _STANDARD_INCLUDE else [os.path.dirname(requesting)]
     for folder in (*beside, *include_paths):
         path = os.path.join(folder, requested)

@@ -98,6 +98,7 @@ class _Reader:
         }
         analysis = code.AccessAnalysis(self.code, self.name, writes_by_address)
         entries = {}
+        # A module may have several entry points; each has accesses of its own.
         for words in self.entry_points:
             entry = spv.text(words[2:])
             found = analysis.effects(words[1])
@@ -129,6 +130,7 @@ class _Reader:
         target = self.types[pointer].words[2]
         count = 1
         if self.types[target].op in (spv.OP_TYPE_ARRAY, spv.OP_TYPE_RUNTIME_ARRAY):
+            # An array of resources without a length is bindless: 0 stands for what the host decides.
             count = self._length(target) if self.types[target].op == spv.OP_TYPE_ARRAY else 0
             target = self.types[target].words[1]
         set_number = self.decorations.get((variable, spv.DECORATION_SET), (0,))[0]
@@ -212,6 +214,7 @@ class _Reader:
             names.append(self.member_names[struct, at])
             formats.append(self._dtype(member, f"{where}.{names[-1]}"))
             offsets.append(self.member_decorations[struct, at, spv.DECORATION_OFFSET][0])
+            # A GLSL matrix is an array of columns: the stride must be a column's size, and row-major is another array.
             stride = self.member_decorations.get((struct, at, spv.DECORATION_MATRIX_STRIDE))
             row_major = (struct, at, spv.DECORATION_ROW_MAJOR) in self.member_decorations
             if stride is not None and (row_major or stride[0] != self._column_bytes(member)):

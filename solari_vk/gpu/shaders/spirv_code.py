@@ -96,6 +96,7 @@ def instructions(spirv: bytes, name: str) -> list[Instruction]:
         if count == 0 or position + count > len(words):
             raise SolariError(f"{name}: the SPIR-V module is cut off or damaged at word {position}")
         in_functions = in_functions or op == spv.OP_FUNCTION
+        # Declarations are all kept: reflection needs them.
         if not in_functions or op in _FOLLOWED:
             decoded.append(Instruction(op, words[position + 1 : position + count]))
         position += count
@@ -162,6 +163,7 @@ class AccessAnalysis:
         body = self._functions[function]
         roots = _Roots(self._variables, self._made_by, dict(zip(body.parameters, arguments, strict=True)))
         for op, words in body.body:
+            # What a called function does depends on what its pointer parameters point to here.
             if op == spv.OP_FUNCTION_CALL:
                 inner = self.effects(words[2], tuple(roots.of(argument) for argument in words[3:]))
                 for mine, theirs in zip((used, read, written), inner, strict=True):
@@ -170,6 +172,7 @@ class AccessAnalysis:
             if op in _USES:
                 used |= roots.of(words[2])
             for pointer in _reads(op, words):
+                # Loading an image or a structure from its variable reads a handle, not the contents.
                 if not (op == spv.OP_LOAD and self._is_handle(pointer, roots)):
                     read |= roots.of(pointer)
             for pointer in _writes(op, words):
@@ -177,6 +180,7 @@ class AccessAnalysis:
                     self._check_write_by_address()
                 else:
                     written |= roots.of(pointer)
+        # Whatever is read or written is used; lengths and sizes are uses alone.
         used |= read | written
         return used, read, written
 

@@ -73,6 +73,7 @@ class Cuda:
         """The number of the device with a UUID."""
         count = _ffi.new("int *")
         self.call("cuDeviceGetCount", count)
+        # CUDA_VISIBLE_DEVICES renumbers and hides devices, so numbers of CUDA and Vulkan can't be compared.
         ordinal = next((i for i in range(count[0]) if self._uuid(i) == identity), None)
         if ordinal is None:
             raise DeviceError(f"CUDA shows no device with the UUID {identity}: see CUDA_VISIBLE_DEVICES")
@@ -87,6 +88,7 @@ class Cuda:
 
     def call(self, name: str, *arguments: Any) -> None:
         """Call a function of the driver by its name in CUDA. Raises DeviceError with its name and the reason."""
+        # cuStreamQuery also reports work that isn't done, and captures, which are no failures.
         result = self._function(name)(*arguments)
         if result and not (name == "cuStreamQuery" and result in _STILL_WELL):
             text = _ffi.new("const char **")
@@ -97,6 +99,7 @@ class Cuda:
     @contextmanager
     def current(self) -> Iterator[None]:
         """Have the context current in this thread."""
+        # Each thread has a stack of contexts; a library's own context must be on top again afterwards.
         self.call("cuCtxPushCurrent_v2", self._context)
         try:
             yield
@@ -158,6 +161,7 @@ class Cuda:
 
     def signal_now(self, semaphore: CData, value: int) -> None:
         """Give a timeline semaphore a value now, whatever other streams wait for."""
+        # A non-blocking stream: the default one may wait for work that waits for this signal.
         stream = _ffi.new("CUstream *")
         with self.current():
             self.call("cuStreamCreate", stream, _NON_BLOCKING)
@@ -258,6 +262,7 @@ class CudaMemory:
         self.address = int(pointer[0])
 
     def close(self) -> None:
+        # A mapped buffer must be freed before the memory that it maps.
         self._cuda.free("cuMemFree_v2", _ffi.cast("CUdeviceptr", self.address))
         self._cuda.free("cuDestroyExternalMemory", self._memory)
 

@@ -63,11 +63,14 @@ _delete_unused_in_c = ctypes.PYFUNCTYPE(None, ctypes.c_void_p)(_delete_unused)
 def described(capsule: Any) -> tuple[int, tuple[int, ...], np.dtype[Any] | None]:
     """The address, shape and dtype of the memory that a capsule "dltensor" shows; no dtype for numbers that aren't
     packed, or of a kind that numpy lacks. The capsule keeps the memory."""
+    # The capsule holds a DLManagedTensor, which begins with the DLTensor.
     tensor = _Tensor.from_address(_python.PyCapsule_GetPointer(id(capsule), b"dltensor"))
     shape = tuple(tensor.shape[: tensor.ndim])
+    # Strides are counted in elements here. NULL means packed in row-major order.
     packed = [math.prod(shape[axis + 1 :]) for axis in range(len(shape))]
     steps = tensor.strides[: tensor.ndim] if tensor.strides else packed
     kind = next((name for name, number in _KINDS.items() if number == tensor.kind), None)
+    # A dimension of size 1 may have any stride.
     ordered = all(step == wanted or size < 2 for step, wanted, size in zip(steps, packed, shape, strict=True))
     plain = kind is not None and tensor.lanes == 1 and ordered
     dtype = np.dtype(f"{kind}{tensor.bits // 8}") if plain else None
@@ -78,6 +81,7 @@ def capsule(
     address: int, shape: tuple[int, ...], dtype: np.dtype[Any], device: tuple[int, int], released: Callable[[], None]
 ) -> Any:
     """A capsule "dltensor" for packed memory. released: called, by any thread, when nobody needs the memory."""
+    # The structure points to the shape, so both live until the consumer is done.
     sizes = (ctypes.c_int64 * len(shape))(*shape)
     tensor = _Tensor(
         address,

@@ -60,6 +60,7 @@ class CudaTensor:
         """A capsule. stream: the consumer's, as the array API standard has it. For -1, which names none, the host waits
         until the tensor is written, and before its memory is used again for all streams."""
         lease = self._lease
+        # None and 0 are the default stream by the array API standard.
         reader = None if stream == NO_SYNC else int(stream or 0)
         self._await_written(reader)
         return dlpack.capsule(
@@ -116,6 +117,7 @@ class TensorExports:
             record_copy(cmd, buffer.handle)
             device.vk.vkCmdPipelineBarrier2(cmd, buffer.to_cuda)
 
+        # The commands are freed when their only submission is done.
         copying = Recorded(device, record, "tensor")
         await_written = self.submit(copying.commands)
         copying.destroy()
@@ -126,6 +128,7 @@ class TensorExports:
         streams can't, the host."""
         device = self._device
         value = self._value + 1
+        # Where streams can wait for timelines, Vulkan signals one; else the host waits.
         signals = [] if self._timeline is None else [(self._timeline, value)]
         submitted = device.submit_prepared(device.submission([commands], waits, signals))
         self._value = value

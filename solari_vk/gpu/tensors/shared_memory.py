@@ -37,6 +37,7 @@ class SharedBuffer:
         self._device = device
         self._events: list[CudaEvent] = []  # consumers' work that may still read
         self._read_anywhere = False  # a consumer may have read in any stream
+        # Buffer and memory must both say for what they will be exported, before they are made.
         external = raw.struct("VkExternalMemoryBufferCreateInfo", handleTypes=_FD)
         create = raw.struct("VkBufferCreateInfo", pNext=external, size=size, usage=_USAGE)
         vk = device.vk
@@ -45,6 +46,7 @@ class SharedBuffer:
             undo.callback(lambda: vk.vkDestroyBuffer(device.handle, self.handle, raw.NULL))
             requirements = raw.ffi.new("VkMemoryRequirements*")
             vk.vkGetBufferMemoryRequirements(device.handle, self.handle, requirements)
+            # A dedicated allocation: CUDA imports it as a whole, and knows it by its flag.
             dedicated = raw.struct("VkMemoryDedicatedAllocateInfo", buffer=self.handle)
             allocate = raw.struct(
                 "VkMemoryAllocateInfo",
@@ -100,6 +102,7 @@ class SharedBuffer:
         if stream is None:
             self._read_anywhere = True
             return
+        # The consumer has enqueued its last read; an event behind it tells when the memory is free.
         event = CudaEvent(self.cuda)
         event.record(stream)
         self._events.append(event)
@@ -173,6 +176,7 @@ class Pool(Generic[Memory]):
 
 def shared_timeline(device: WorkQueue, cuda: Cuda, undo: ExitStack) -> tuple[raw.CData, raw.CData]:
     """A timeline semaphore, and CUDA's handle of it."""
+    # CUDA waits for and signals the same counter as Vulkan, without the host.
     export = raw.struct("VkExportSemaphoreCreateInfo", handleTypes=_SEMAPHORE_FD)
     kind = raw.struct("VkSemaphoreTypeCreateInfo", pNext=export, semaphoreType=raw.VK_SEMAPHORE_TYPE_TIMELINE)
     timeline = device.create("VkSemaphore", raw.struct("VkSemaphoreCreateInfo", pNext=kind), "tensors")
