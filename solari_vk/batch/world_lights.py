@@ -219,7 +219,7 @@ class OverriddenLights:
         self._ids = weakref.WeakKeyDictionary[Instance | Light, tuple[int, Any]]()
         self._last_id = FIRST_ID
 
-    def update(self, overrides: WorldOverrides) -> list[Any] | None:
+    def make_lists(self, overrides: WorldOverrides) -> list[Any] | None:
         """Make the lists of all worlds, with the scene's edits applied; returns the key of each world's list, or None
         if all worlds have the scene's lights."""
         materials = overrides.materials.current()

@@ -218,7 +218,7 @@ class Worlds:
     # ---- lights -------------------------------------------------------------------------------------
 
     def _follow_lights(self, overrides: WorldOverrides, must_upload: bool) -> None:
-        keys = self._overridden_lights.update(overrides)
+        keys = self._overridden_lights.make_lists(overrides)
         if keys is None:
             self._lights.share_scene_lights()
         elif self._lights.set_lists(self._overridden_lights.lists, keys, self.rows) or must_upload:

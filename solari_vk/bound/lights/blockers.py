@@ -35,7 +35,7 @@ class Blockers:
         """The ball of a light, if it has one."""
         return self._of.get(light)
 
-    def update(self, light: Light, present: bool) -> Instance | None:
+    def place(self, light: Light, present: bool) -> Instance | None:
         """Add, move or remove the ball of a light; returns the ball that is or was there."""
         blocker = self._of.get(light)
         if not (present and blocks_light(light)):

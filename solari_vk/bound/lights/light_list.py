@@ -174,7 +174,7 @@ class LightList:
             self._edited[light] = kind
         if present and self.data.set(light, data_of(light)):
             self.renew_id(light)
-        return self.blockers.update(light, present) if self._has_blockers else None
+        return self.blockers.place(light, present) if self._has_blockers else None
 
     def renew_id(self, light: Instance | Light) -> None:
         """Give a light another id, because what was sampled on it, such as a triangle, has another meaning now."""
