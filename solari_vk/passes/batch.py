@@ -25,6 +25,7 @@ def labels_stage(strip: tuple[int, int], rows: int, outputs: Collection[str], in
 
     Inputs: `views`, `triangle_orders`, `order_starts`. Outputs: `aov_*`, `previous_instances`.
     """
+    # Views stand below each other in a strip, so that one dispatch covers all of them, or some rows of it.
     pixels = strip[0] * strip[1]
     has_motion = not set(MOTION).isdisjoint(outputs)
     has_materials = not set(MATERIALS).isdisjoint(outputs)

@@ -32,9 +32,12 @@ def stage() -> Stage:
         buffers={"brdf_averages": size, "glass_table": glass * glass * slices, "anisotropy_table": anisotropy**4},
         images={"brdf_table": (size, size), "sheen_table": (size, size)},
         passes=[
+            # Single-scattering GGX as F0 A + B (Karis 2013), then its average over the hemisphere for the diffuse lobe
+            # below (Kulla and Conty 2017).
             Pass("brdf_table/integrate", threads=(size, size)),
-            Pass("brdf_table/average", threads=size),  # after the table that it averages
+            Pass("brdf_table/average", threads=size),
             Pass("brdf_table/sheen", threads=(size, size)),
+            # Light that is scattered several times is added by dividing by these (Turquin 2019).
             Pass("brdf_table/glass", threads=(glass, glass, slices)),
             Pass("brdf_table/anisotropy", threads=(anisotropy, anisotropy, anisotropy**2)),
         ],

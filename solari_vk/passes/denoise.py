@@ -22,6 +22,7 @@ def history_stage(size: tuple[int, int]) -> Stage:
     Inputs: `gbuffer_surface`, `guides_*`, `previous_instances`.
     Outputs: `denoise_guides`, `denoise_diffuse`, `denoise_specular`, `denoise_alternate`.
     """
+    # Surfaces as in SVGF (Schied et al. 2017), reflections as in ReBLUR (Zhdan 2021).
     pixels = size[0] * size[1]
     return Stage(
         "history",

@@ -23,6 +23,7 @@ def compose_stage(size: tuple[int, int], settings: Settings, scratch: Mapping[st
     `gbuffer*`, `depth`, `guides_*_albedo`, `brdf_table`, `brdf_averages`, `sheen_table`, `glass_table`.
     Outputs: `*_radiance`, `emission`, `error`.
     """
+    # Light comes demodulated: divided by the surfaces' colors, so that the denoiser blurs light and not textures.
     pixels = size[0] * size[1]
     return Stage(
         "compose",

@@ -49,6 +49,7 @@ def stage(size: tuple[int, int], settings: Settings, views: int) -> Stage:
         "paths_reservoir_candidates": pixels if settings.restir else 1,
     }
     if settings.restir:
+        # Reuse between frames, then between neighbors: Lin et al., "Generalized Resampled Importance Sampling" (2022).
         buffers |= dict.fromkeys(RESERVOIRS, pixels)
         passes.append(Pass("paths/temporal", threads=size, constants=brdf))
         passes.append(Pass("paths/spatial_and_shade", threads=size, constants=brdf))

@@ -29,6 +29,8 @@ def stages(size: tuple[int, int], settings: Settings) -> list[Stage]:
 def light_tiles(settings: Settings) -> Stage:
     """Light samples drawn ahead for all passes that choose among them: all tiles, one after the other, their samples,
     and these resolved and packed. Outputs: `light_tile_samples`, `light_tiles`."""
+    # Wyman and Panteleev, "Rearchitecting Spatiotemporal Resampling for Production" (2021), section 5: threads of a
+    # workgroup choose among the samples of one tile, which lie side by side in memory.
     count = settings.light_tile_count * settings.light_tile_samples
     constants = {"samples_each": settings.light_tile_samples}
     return Stage(
@@ -58,6 +60,8 @@ def restir_di(size: tuple[int, int], settings: Settings) -> Stage:
     Outputs: `di_diffuse`, `di_specular`; for debug views `di_reservoirs`, `di_outcomes`.
     """
     pixels = size[0] * size[1]
+    # ReSTIR DI: Bitterli et al., "Spatiotemporal Reservoir Resampling for Real-Time Ray Tracing with Dynamic Direct
+    # Lighting" (2020).
     # Two shaders rather than a constant: a shadow ray that is never traced would take time to compile all the same.
     initial = "visible_initial_and_temporal" if settings.di_initial_visibility else "initial_and_temporal"
     names = ("di_reservoirs", "di_temporal_reservoirs", "di_outcomes", "di_diffuse", "di_specular")
@@ -77,6 +81,8 @@ def restir_gi(size: tuple[int, int], settings: Settings) -> Stage:
     Inputs: `gbuffer*`, `depth`, `motion_vectors`, `previous_*`, `world_cache_*`, `*_table`, `brdf_averages`.
     Outputs: `gi_diffuse`, `gi_reservoirs`, and new cells, `world_cache_*`.
     """
+    # ReSTIR GI: Ouyang et al., "ReSTIR GI: Path Resampling for Real-Time Path Tracing" (2021). Temporal reuse is a pass
+    # of its own, because rays are fast where few values live while they are traced.
     brdf = brdf_constants(settings)
     return Stage(
         "restir_gi",

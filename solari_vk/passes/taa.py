@@ -25,6 +25,7 @@ def stage(size: Size) -> Stage:
     Inputs: `sample_radiance`, `depth`, `gbuffer_surface`, `guides_*`, `previous_*`. Outputs: `radiance`;
     for the next frame `taa_history`, and in an exposure the mean so far, `radiance`.
     """
+    # Yang et al., "A Survey of Temporal Antialiasing Techniques" (2020).
     pixels = size[0] * size[1]
     return Stage(
         "taa", buffers={"taa_history": History(pixels), "radiance": pixels}, passes=[Pass("taa/resolve", threads=size)]

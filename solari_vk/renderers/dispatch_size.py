@@ -44,6 +44,7 @@ class DispatchSize:
         work = dict(self._work).get(frame.timed_value, 0)
         if not milliseconds or not work:
             return False
+        # Time is taken to be in proportion to the number of samples, which holds for all but the smallest dispatches.
         wanted_work = reference.DISPATCH_MS / milliseconds * work
         self.pixel_ms = milliseconds / (work * self._width)
         # One measurement may be far off, so that the size grows by a factor of 4 at most.

@@ -30,6 +30,7 @@ class FirstHitReader:
     """
 
     def __init__(self, device: Device, binder: SceneBinder, tables: Mapping[str, Any]) -> None:
+        # The frame is made when a result is first asked for: many renderers are never asked for one.
         self._device = device
         self._binder = binder
         self._tables = tables

@@ -68,6 +68,7 @@ class FrameBudget:
         """The share for the next frame, which is to take frame_ms. short_samples: the paths of pixels with fewer than
         long_history frames, at a share of 1. is_cut: it has no history."""
         self._history = 0.0 if is_cut else self._history
+        # After a cut all pixels have a short history, and take more paths at the same share.
         samples = short_samples if self._history < long_history else 1
         max_share = min(MAX_SHARE, most_timed_samples(short_samples) / samples)
         others, paths = self._estimate or (0.0, 0.0)
@@ -95,6 +96,7 @@ class FrameBudget:
 
     def record_times(self, value: int, times: Mapping[str, float]) -> None:
         """times: of the passes of the frame with this timeline value, by name. Frames that are known are ignored."""
+        # Times are looked at once a frame, and may be those of a frame that is known already.
         if value not in self._submitted or not times:
             return
         count, expected = self._submitted[value]

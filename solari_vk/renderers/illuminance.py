@@ -90,9 +90,11 @@ class _PointTracer(PathTracer):
         max_bounces: int,
         seed: int,
     ) -> None:
+        # Nearly square, because dispatches are grids of squares of 8 x 8 pixels.
         width = math.ceil(math.sqrt(len(points)))
         size = width, math.ceil(len(points) / width)
         self._points = np.resize(points, (size[0] * size[1], 6))
+        # The point itself counts as a surface at which the path is scattered.
         super().__init__(device, scene, size, max_bounces=max_bounces + 1, seed=seed)
         self._frame.uniforms["measurement.cylindrical"] = cylindrical
 

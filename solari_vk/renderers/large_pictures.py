@@ -95,9 +95,7 @@ def render_large(
     seed = options.get("seed", 0)
     if denoise:
         oidn.check_installed()
-    unknown = set(layers) - set(PathTracer.OUTPUTS)
-    if unknown:
-        raise unknown_name("render_large: there is no result", min(unknown), PathTracer.OUTPUTS)
+    _check_layers(layers)
     pictures: dict[str, NDArray[Any]] = {}
     with PathTracer(device, scene, (width, rows), **options) as tracer:
         shown = scene.camera_for(width / height) if camera is None else camera
@@ -126,6 +124,13 @@ def render_large(
         surfaces = np.isfinite(pictures["depth"]) if meters_surfaces else None
         shown.ev100 = auto_exposure(pictures["radiance"], surfaces)
     return {name: pictures[name] for name in ("radiance", *layers)}
+
+
+def _check_layers(layers: Sequence[str]) -> None:
+    """Raise SolariError for names of results that the path tracer hasn't."""
+    unknown = set(layers) - set(PathTracer.OUTPUTS)
+    if unknown:
+        raise unknown_name("render_large: there is no result", min(unknown), PathTracer.OUTPUTS)
 
 
 def _store_rows(pictures: dict[str, NDArray[Any]], found: dict[str, NDArray[Any]], top: int, height: int) -> None:

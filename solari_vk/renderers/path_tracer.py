@@ -241,6 +241,7 @@ class PathTracer(RendererBase):
         top = 0
         if self.begun[0]:
             count, top = self.begun
+        # A picture that `advance` has begun goes on with the samples and the row at which it stopped.
         below = height if bands is None else min(top + bands * self._dispatch.rows, height)
         try:
             submission = self._trace_rows(top, below, first, first + count)
@@ -258,6 +259,7 @@ class PathTracer(RendererBase):
             count = min(end - sample, self._dispatch.samples)
             uniforms["path_sampling.sample_index"] = sample
             uniforms["path_sampling.samples_per_dispatch"] = count
+            # Bands of rows, because a dispatch over the whole picture may take longer than a watchdog allows.
             for row in range(top, below, self._dispatch.rows):
                 rows = min(self._dispatch.rows, below - row)
                 uniforms["path_sampling.first_row"] = row

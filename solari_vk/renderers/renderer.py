@@ -197,6 +197,7 @@ class Renderer(RendererBase):
         picture = tiled(picture, grid)
         # Only ReSTIR of paths asks whether a reused sample was visible in the previous frame.
         self.binder.keep_previous_tlas(self, settings.lighting == "paths" and settings.restir)
+        # The frame, from top to bottom. Each stage names the files of its shaders, and what goes in and out.
         stages = [
             gbuffer.stage(size, settings, instances, self.gbuffer, bool(LOBES & self.binder.features)),
             guides.stage(size, settings),
@@ -255,12 +256,14 @@ class Renderer(RendererBase):
         instances = None
         if self.frame_count > 0 and self.binder.instance_capacity > built_capacity:
             instances = self._frame.resource(gbuffer.PREVIOUS_INSTANCES).read()
+        # Read before the rebuild, which makes these buffers anew.
         cells = self._frame.memory.get("world_cache_life")
         rendered = self._built_render_size
         self._frame.rebuild(self._stages(self.size))
         self._remember_build()
         if self._built_render_size != rendered:
             self.reset()  # histories have another size
+        # The new lighting may lack the view, and an error in the middle of a frame would help nobody.
         if self.view not in views_of(self.settings.lighting):
             self.view = PICTURE
         if self._frame.memory.get("world_cache_life") != cells:

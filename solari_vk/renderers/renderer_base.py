@@ -241,6 +241,7 @@ class RendererBase(Hints):
         as many frames as `metering_frames` have chosen it."""
         self._latest = frame
         if frame.camera.auto_exposure:
+            # The first frames of a realtime renderer are noisy, and their exposures a little off.
             self._metered_frames += 1
             chooses_again = self._metered_frames % metering_frames != 0
             frame.camera.update(ev100=self.auto_exposure(), auto_exposure=chooses_again)

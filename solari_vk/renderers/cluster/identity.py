@@ -58,6 +58,7 @@ def version() -> str:
 @functools.cache
 def code_hash() -> str:
     """The first 16 digits of a SHA-256 over the names and contents of the package's Python and GLSL files."""
+    # Names too: the same contents under another name are other code. Sorted, or file systems would decide.
     digest = hashlib.sha256()
     package = Path(__file__).resolve().parents[2]
     for root, pattern in ((package, "*.py"), (glsl_root(), "*.[cfgrv]*")):

@@ -55,6 +55,7 @@ def local_cluster(worker_count: int, device_options: DeviceOptions) -> Iterator[
 
 def software_threads(process_count: int) -> dict[str, str]:
     """The environment by which processes of a software device share the processor's cores, and don't fight for them."""
+    # LP_NUM_THREADS is Mesa's: lavapipe starts as many threads as there are cores in each process otherwise.
     threads = max((os.cpu_count() or 1) // process_count, 1)
     return {"LP_NUM_THREADS": os.environ.get("LP_NUM_THREADS", str(threads))}
 
