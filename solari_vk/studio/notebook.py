@@ -97,6 +97,7 @@ class LivePicture(AnyWidget):  # type: ignore[misc]
             self._control.see(realtime_distance(self._renderer, frame.camera))
             self._knows_distance = True
         self._frames += 1
+        # The page stops asking for frames once one is finished.
         finished = self._frames >= ENOUGH_FRAMES
         kind = "png" if finished else "jpeg"  # a moving picture hides JPEG's loss, a still one would not
         codes = frame["display"][..., :3]

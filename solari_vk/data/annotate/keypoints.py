@@ -62,6 +62,7 @@ def keypoints(
     for instance, named in find_keypoints(candidates, points).items():
         if not instance.visible:
             continue
+        # Vertices are numbered in the mesh as joints and morph targets have moved it.
         mesh = instance.posed_mesh()
         for name, point in named.items():
             local = _local(point, mesh.positions, f"keypoints: {name!r} of {instance.describe()}")
@@ -94,6 +95,7 @@ def find_keypoints(instances: Sequence[Instance], points: Any) -> dict[Instance,
     for pattern, named in points.items():
         for instance in _fitting(instances, pattern, who):
             found.setdefault(instance, named)  # of several patterns that fit, the first counts
+    # All points are checked here, before anything is rendered: `dataset` calls this first.
     for instance, named in found.items():
         for name, point in named.items():
             _local(point, instance.mesh.positions, f"{who}: {name!r} of {instance.describe()}")
@@ -112,6 +114,7 @@ def _fitting(instances: Sequence[Instance], pattern: Any, who: str) -> list[Inst
 
 def _local(point: Any, positions: NDArray[Any], who: str) -> NDArray[np.float64]:
     """A point (3,) in the mesh's space."""
+    # A whole number is a vertex, three numbers are a place; a float or a text is neither.
     try:
         if np.ndim(point) == 0:
             number = operator.index(point)

@@ -70,9 +70,7 @@ def run(job: DatasetJob) -> int:
             shown = [found[number] for number in metered_numbers]
             ev100 = metered(pool, loaded, shown, job.size, randomizer, metered_numbers)
         set_exposure(cameras, ev100)
-        if randomizer is not None:
-            for number, camera in enumerate(cameras):
-                randomizer.camera(camera, number)
+        _randomize_cameras(cameras, randomizer)
         print(f"{len(cameras)} views of {job.source}, EV100 {ev100:.2f}", file=sys.stderr)
         views = _views(job, style, cameras)
         tasks = _tasks(style, views, job.cameras == "random" or randomizer is not None)
@@ -85,6 +83,13 @@ def run(job: DatasetJob) -> int:
     if job.shards is not None:
         write_shards(folder, job.shards)
     return 0
+
+
+def _randomize_cameras(cameras: list[Camera], randomizer: Randomizer | None) -> None:
+    """Change the cameras as a recipe has them: their exposure too, and so after it is set."""
+    if randomizer is not None:
+        for number, camera in enumerate(cameras):
+            randomizer.camera(camera, number)
 
 
 def _label_instances(job: DatasetJob, style: Style, scene: Scene) -> dict[int, str]:

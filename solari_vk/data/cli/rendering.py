@@ -32,6 +32,7 @@ def metered(
     numbers: Sequence[int] = (),
 ) -> float:
     """The exposure that suits pictures of some cameras. randomizer, numbers: as of Meter."""
+    # One worker measures, so that the exposure doesn't depend on how many there are.
     answers = pool.map(loaded.scene, [Meter(tuple(cameras), size, randomizer, tuple(numbers))])
     return float(next(done[1] for done in answers if done is not None))
 
@@ -40,6 +41,7 @@ def render_files(
     pool: WorkerPool | OneDevice, scene: Scene, tasks: list[RenderTask], journal: Journal, job: MovieJob | DatasetJob
 ) -> bool:
     """Render pictures into the folder of a journal, and say how many are there. Returns whether all are."""
+    # Workers that see the folder write into it themselves, so that large files don't travel twice.
     if pool.shares_files or job.shared_folder:
         tasks = [dataclasses.replace(task, folder=str(journal.folder)) for task in tasks]
     total = sum(len(task.views) for task in tasks)

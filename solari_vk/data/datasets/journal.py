@@ -34,6 +34,7 @@ class Journal:
 
     def __init__(self, path: Path, made_of: dict[str, Any]) -> None:
         self._path = path
+        # Two processes would render the same pictures, and mix their lines.
         self._lock = lock_folder(path.with_name(f"{path.name}.lock"))
         self._files: dict[str, dict[str, str]] = {}  # by the keys of the tasks
         # Through JSON and back, so that it can be compared with what was read: tuples become lists.

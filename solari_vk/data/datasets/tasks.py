@@ -133,6 +133,7 @@ class RenderTask:
     folder: str | None = field(default=None, compare=False)
 
     def __post_init__(self) -> None:
+        # A worker poses its scene for each view; one without a time would get the pose of the view before.
         if len({view.time is None for view in (*self.before, *self.views)}) > 1:
             raise SolariError(f"{self.name}: give all views of a task a time, or none")
 
@@ -154,6 +155,8 @@ class RenderTask:
 
     def perform(self, session: DeviceSession) -> dict[str, File]:
         """Render the pictures and write them; returns the files by name."""
+        # Pictures are written to files either way: their bytes, not arrays, are what the journal hashes and a shared
+        # folder holds.
         folder = make_temporary_folder() if self.folder is None else Path(self.folder)
         if not os.path.isdir(folder):
             raise SolariError(f"{folder}: the worker has no such folder: don't give --shared-folder, or share it")
@@ -176,6 +179,7 @@ class RenderTask:
         for number, view in enumerate(self.views, self.first):
             self._pose(session, view)
             with style.randomized(session.scene, number):
+                # Each view has random numbers of its own, which don't depend on who renders it.
                 tracer = session.path_tracer(style.size, style.max_bounces, numbered_seed(style.seed, number))
                 exposure = self._exposure(session, view)
                 frame = tracer.render(view.camera, style.samples, denoise=style.denoise, **exposure)
@@ -314,6 +318,7 @@ class Meter:
 
     def perform(self, session: DeviceSession) -> float:
         """The mean EV100 of small pictures."""
+        # Small pictures have about the same luminances as large ones.
         scale = METERED_SIDE / max(self.size)
         size = (max(round(self.size[0] * scale), 1), max(round(self.size[1] * scale), 1))
         tracer = session.path_tracer(size, 16, 0)

@@ -71,8 +71,10 @@ class Views(Hints):
         return Sample({name: self._read(self.folder / paths[name]) for name in self.names})
 
     def _read(self, file: Path) -> NDArray[Any]:
+        # Codes of 8 bits become 0 to 1; their alpha, which pictures of a data set don't use, is left out.
         if file.suffix != ".npy":
             return (read_pixels(file)[..., :3] / np.float32(255)).astype(np.float32)
+        # Without pickle, which np.load refuses by default: a data set from elsewhere runs no code.
         try:
             return np.asarray(np.load(file))
         except (OSError, ValueError, EOFError) as error:

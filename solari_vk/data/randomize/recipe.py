@@ -75,14 +75,18 @@ def _check_distractors(section: Any, place: str) -> None:
     for shape in shapes_given if isinstance(shapes_given, list) else [shapes_given]:
         if shape not in SHAPES:
             raise unknown_name(f"{place}: shapes: there is no shape", shape, SHAPES)
-    count = section.get("count", 1)
+    _check_count(section.get("count", 1), f"{place}: count")
+    if "within" in section and np.shape(section["within"]) != (2, 3):
+        raise SolariError(f"{place}: within: is a box, [[x, y, z], [x, y, z]], not {quoted(section['within'])}")
+
+
+def _check_count(count: Any, place: str) -> None:
+    """Raise SolariError unless a value and all that is drawn from it are numbers up to MOST_DISTRACTORS."""
     counts = next(iter(count.values())) if isinstance(count, Mapping) else count
     # A trial draw tells a number from a vector, whatever distribution it is drawn from.
     is_number = is_numbers(counts) and np.ndim(draw(count, stream(0, 0, ""))) == 0
     if not is_number or largest(count) > MOST_DISTRACTORS:
-        raise SolariError(f"{place}: count: is a number up to {MOST_DISTRACTORS}, not {quoted(section['count'])}")
-    if "within" in section and np.shape(section["within"]) != (2, 3):
-        raise SolariError(f"{place}: within: is a box, [[x, y, z], [x, y, z]], not {quoted(section['within'])}")
+        raise SolariError(f"{place}: is a number up to {MOST_DISTRACTORS}, not {quoted(count)}")
 
 
 def _known(section: str, kind: type[Checked]) -> tuple[str, ...]:
@@ -226,12 +230,7 @@ class Recipe:
     ) -> None:
         """others: further parts of an instance's object, which move with it."""
         drawn = {name: self._draw(value, number, f"{place}/{name}") for name, value in values.items()}
-        fields = {name: value for name, value in drawn.items() if name not in _RELATIVELY}
-        for name, value in fields.items():
-            if _is_picture(name) and value in self._files:
-                # The image of an environment is radiance; the pictures of textures are colors of 8 bits.
-                read = _radiance if name == "image" else _texture
-                fields[name] = read(self._folder / value, self._files[value], f"{self._who}: {value}")
+        fields = {name: self._read(name, value) for name, value in drawn.items() if name not in _RELATIVELY}
         with self._naming_the_recipe(place):
             with _followed(item, others):
                 item.update(**fields)
@@ -243,6 +242,14 @@ class Recipe:
                 if name in drawn:
                     with _followed(item, others):
                         change(item, drawn[name], *others)
+
+    def _read(self, name: str, value: Any) -> Any:
+        """A value, or what the picture holds whose file it names."""
+        if not _is_picture(name) or value not in self._files:
+            return value
+        # The image of an environment is radiance; the pictures of textures are colors of 8 bits.
+        read = _radiance if name == "image" else _texture
+        return read(self._folder / value, self._files[value], f"{self._who}: {value}")
 
     @contextmanager
     def _naming_the_recipe(self, place: str) -> Iterator[None]:

@@ -11,9 +11,11 @@ from solari_vk.base.errors import SolariError, quoted
 
 def read_yaml(text: str, who: str) -> Any:
     """The values of a text. Raises SolariError with the line for what isn't YAML, and for a key that is there twice."""
+    # PyYAML is written in Python and recurses: a file of ten thousand brackets ends in RecursionError.
     try:
         return yaml.load(text, _Loader)
     except (yaml.YAMLError, RecursionError) as error:
+        # Its messages span lines, and call a text "<unicode string>".
         said = " ".join(str(error).replace(' in "<unicode string>"', "").split())
         raise SolariError(f"{who}: isn't YAML: {said}") from None
 

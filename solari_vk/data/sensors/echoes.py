@@ -53,9 +53,11 @@ def find_echoes(
         active = active[there]
         hits = hits[there]
         echoes = echoes[there]
+        # Backscatter is the BRDF towards the sensor times the cosine; pi makes a white Lambertian surface 1.
         strength = np.pi * energy[active] * echoes.backscatter[:, RED]
         sends = strength > 0
         parts.append((active[sends], hits.t[sends].astype(np.float64), strength[sends], hits.instance[sends]))
+        # A surface that neither reflects nor absorbs doesn't count.
         left[active] -= sends | (echoes.passed[:, RED] < 1)
         # The echoes of farther surfaces pass this one a second time, so its transmission counts squared.
         energy[active] *= echoes.passed[:, RED].astype(np.float64) ** 2

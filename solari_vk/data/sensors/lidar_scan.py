@@ -69,6 +69,7 @@ class LidarScan:
             records[name] = values
         for name in ("intensity", "distance", "instance"):
             records[name] = getattr(self, name)[found]
+        # All channels of a column fire at once.
         records["time"] = self.time[column]
         records["channel"] = channel
         records["column"] = column

@@ -111,6 +111,7 @@ class View:
         while not (self._orders or (not self._rests and self._has_waiting_pages)):
             self._wake.clear()
             await self._wake.wait()
+        # All orders of the time that the last frame took are done at once, so that movements don't lag behind.
         orders, self._orders = self._orders, []
         answers, shown = await self._hub.call(self._step, orders, self._has_waiting_pages)
         for page, answer in answers:
@@ -144,6 +145,7 @@ class View:
                 page.input = number
         if orders:
             self._rests = False
+        # A page that has frames on their way gets no new one, although its orders are done.
         if not renders or self.screen.finished:
             self._rests = self.screen.finished
             return answers, None

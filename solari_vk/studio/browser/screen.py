@@ -157,6 +157,7 @@ class Screen:
         self._resting = 1.0, 0  # the scale of the picture at rest, and its frames
         self._seconds = 0.0  # that the latest frame took
         with ExitStack() as undo:
+            # Settings of its own, which its page changes; the scene on the device is shared.
             self.pictures = Pictures(screens.device, screens.binder, copy.copy(screens.settings), screens.seed)
             undo.callback(self.pictures.close)
             self.pictures.view = screens.view
@@ -266,6 +267,7 @@ class Screen:
         for name in FIELDS:
             if name not in SCALE_OF_ITS_OWN:
                 setattr(self.pictures.settings, name, DEFAULTS[name])
+        # Settings come first: a debug view may need the lighting that they choose.
         for name, value in {**options.pop("settings"), **options}.items():
             self._set(name, value)
         self.control.look_through(Camera.from_pose(state["pose"]))

@@ -32,6 +32,7 @@ class Actions(EditActions):
 
     def focus(self) -> None:
         """Frame what is picked, or all."""
+        # Lights and cameras are points: a box around them shows what is near.
         reach = 0.1 * extent_of(self._session.scene)
         item: Any
         found = []
@@ -124,6 +125,7 @@ class Actions(EditActions):
 
     def help(self) -> None:
         self._session.shows_help = not self._session.shows_help
+        # Without panels the terminal is the only place for a list.
         if self._session.shows_help and not self._session.has_panels:
             print("\n".join(f"{keys:>26}  {meaning}" for keys, meaning in KEYS_HELP), file=sys.stderr)
 
@@ -131,12 +133,14 @@ class Actions(EditActions):
         self._session.shows_panels = not self._session.shows_panels
 
     def screenshot(self) -> None:
+        # The path tracer may be within a sample: all rows get it, so that the picture is one of whole samples.
         self._session.pictures.complete()
         path = take_screenshot(self._session)
         left = "; edits, which it leaves out, are listed there" if edit_lines(self._session) else ""
         self._session.say(f"wrote {path}, with an .exr and the command line that renders it in a .txt{left}")
 
     def reload(self) -> None:
+        # Shaders can always be read again; the file would replace edits that aren't saved.
         def go_on() -> None:
             self._session.reload(shaders=True, file=True)
 
@@ -184,6 +188,7 @@ class Actions(EditActions):
         return None if pick is None else pick.point
 
     def _pick_at(self, cursor: Cursor) -> Pick | None:
+        # Two scenes side by side have pictures of their own, of the same size.
         x, y = self._session.layout.picture.share(cursor)
         return pick_at(self._session.pictures_at(x), x, y)
 

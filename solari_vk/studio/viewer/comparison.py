@@ -30,6 +30,7 @@ def difference(picture: NDArray[Any], tracer: PathTracer) -> tuple[float, float]
     refined. A picture of another size is averaged to the path tracer's. None before the path tracer has two samples,
     and in the dark.
     """
+    # Without the denoiser of the path tracer, whose errors would count as the picture's.
     reference = tracer["raw_radiance"]
     mean = float(reference.mean(dtype=np.float64))
     if tracer.samples < 2 or not mean > 0:
@@ -115,6 +116,7 @@ class SecondScene:
         flip-evaluator is installed. Empty before there are both."""
         if not self.ready:
             return {}
+        # Both are of the same window, but a size that can't be built leaves one of them at its last size.
         first = self.first.radiance()
         second = area_means(self.pictures.radiance(), (first.shape[1], first.shape[0]))
         compared = compare(second, first, exposure=exposure)

@@ -46,6 +46,7 @@ class CompilePreview:
             return
         self._busy = True
         try:
+            # Machine code is what a software device takes a minute for; SPIR-V is there within seconds.
             if state.what == "machine code" and self._pictures.previews:
                 self._add_sample()
             self._show(f"{state} ...")

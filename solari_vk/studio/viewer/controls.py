@@ -11,6 +11,7 @@ from solari_vk.studio.viewer.camera_control import CameraControl
 from solari_vk.studio.viewer.layout import Area
 from solari_vk.studio.viewer.window import Event
 
+# Hands tremble, and touch pads move at the end of a click.
 CLICK = 3.0  # a button that is released before the cursor moves this far is a click, not a drag
 SHIFT = glfw.MOD_SHIFT
 CONTROL = glfw.MOD_CONTROL
@@ -201,6 +202,7 @@ class Controls:
         return point
 
     def _press(self, event: Event) -> None:
+        # A second button that is pressed during a drag does nothing.
         if event.pressed and self._button is None:
             self._button = event.code
             self._pressed_at = self.cursor
@@ -212,6 +214,7 @@ class Controls:
                 self.act("pick_also" if self.camera.fast else "pick", self.cursor)
 
     def _move(self, to: tuple[float, float]) -> None:
+        # The first movement of a drag counts from where the button was pressed, the others from the last place.
         right, down = to[0] - self.cursor[0], to[1] - self.cursor[1]
         self.cursor = to
         if self._button not in (glfw.MOUSE_BUTTON_LEFT, glfw.MOUSE_BUTTON_MIDDLE, glfw.MOUSE_BUTTON_RIGHT):

@@ -87,6 +87,7 @@ class EditActions:
             axis = np.zeros(3)
             axis[nearest] = np.sign(level[nearest]) or 1.0
         sign = -1 if direction in ("left", "down", "away") else 1
+        # By a share of what is seen, so that a nudge is as far on the screen near and far away.
         step = sign * NUDGE * control.seen_height * axis
         self._edit_all("position", [(item, {"position": item.position + step}) for item in placed])
 
@@ -195,6 +196,7 @@ class EditActions:
         session = self._session
         target = Path(path) if path is not None else session.save_path or free_path(session)
         known = session.save_path is not None and target.resolve() == session.save_path.resolve()
+        # Saving again to the same name replaces what this session wrote, without a question.
         taken = [] if known else [str(file) for file in files_of(target) if file.exists()]
         text = f"There is {' and '.join(taken)} already."
         if not taken or (session.question is not None and session.question.text == text):

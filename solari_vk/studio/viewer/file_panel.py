@@ -36,6 +36,7 @@ class FilePanel:
         hint("Write the scene as glTF, and a Python script that renders the picture (Ctrl+S).")
         for label, edits in (("undo", history.done), ("redo", history.undone)):
             imgui.same_line()
+            # A disabled button stays in its place, so that the others don't move under the mouse.
             imgui.begin_disabled(not edits)
             if imgui.button(label):
                 act(session, label)
@@ -65,6 +66,7 @@ class FilePanel:
         if imgui.button("open") and self._path.strip():
             act(self._session, "open", Path(self._path.strip()).expanduser())
             imgui.close_current_popup()
+        # The path behind ## keeps files of one name apart.
         for path in self._recent or ():
             if imgui.menu_item_simple(f"{Path(path).name}##{path}"):
                 act(self._session, "open", path)

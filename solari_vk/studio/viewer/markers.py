@@ -11,6 +11,7 @@ from solari_vk.scene.model import Camera
 from solari_vk.studio.viewer.layout import Area
 from solari_vk.studio.viewer.session import Session
 
+# The same size on the screen at any distance, so that far lights can be picked.
 RADIUS = 9.0  # of a marker, in window coordinates at a text scale of 1
 
 
@@ -40,6 +41,7 @@ def visible_markers(session: Session) -> list[tuple[Any, tuple[float, float]]]:
 
 def marker_at(session: Session, cursor: tuple[float, float]) -> Any:
     """The light or camera whose marker is at the cursor, the nearest one to it; None if there is none."""
+    # Of markers that overlap the nearest one to the cursor counts, whatever is in front.
     shown = visible_markers(session)
     distances = [np.hypot(x - cursor[0], y - cursor[1]) for _, (x, y) in shown]
     if not distances:

@@ -122,6 +122,7 @@ class MaterialPanel:
         pixels = texture.image.pixels
         height, width = pixels.shape[:2]
         name = f"texture {field}"
+        # A texture's picture is uploaded when the field gets another texture, not in each frame.
         fresh = self._shown.get(name) is not texture
         reference = self._show(name, thumbnail(pixels) if fresh else None)
         if reference is not None:
@@ -150,6 +151,7 @@ def is_used(material: Material, names: list[str]) -> bool:
 
 def thumbnail(pixels: NDArray[np.uint8]) -> NDArray[np.uint8]:
     """Pixels (height, width, 4) of at most THUMBNAIL on each side, without their alpha."""
+    # Every n-th pixel: a thumbnail needs no filter, and large textures are many.
     step = max(math.ceil(max(pixels.shape[:2]) / THUMBNAIL), 1)
     small = pixels[::step, ::step].copy()
     small[..., 3] = 255

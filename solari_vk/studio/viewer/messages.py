@@ -30,11 +30,13 @@ class Messages:
     def warn(self, text: str) -> None:
         """Show a text until another one is shown."""
         self.say(text)
+        # A fault stays until it is corrected, a mistake until something else is said.
         if not self.faults or text in self.faults.values():  # else the faults are shown again after a while
             self._message_ends = float("inf")
 
     def report(self, place: str, error: Exception) -> None:
         """Show a fault until `clear_fault`; a fault that was reported before is not shown again."""
+        # A fault is found again in each frame, and said once.
         if self.faults.get(place) != str(error):
             self.faults[place] = str(error)
             self.warn(str(error))

@@ -31,6 +31,7 @@ def new_light(kind: str, control: CameraControl) -> Light:
         x, back = camera.transform[:3, 0], camera.transform[:3, 2] * (1, 0, 1)
         direction = -SUN[0] * x + SUN[1] * np.array((0, 1, 0)) + SUN[2] * back
         return DirectionalLight(direction.astype(np.float32), illuminance=illuminance)
+    # Sizes follow from what the picture shows, so that a lamp suits a ring as well as a town.
     height = 0.2 * control.seen_height
     position = control.center + np.array((0, height, 0)) + 0.3 * height * camera.transform[:3, 2]
     # The illuminance of a point light falls with the squared distance: I = E d^2.

@@ -81,6 +81,7 @@ class ObjectPanel:
     def _transform(self, item: Any) -> None:
         """The position, and fields that turn and scale the object while they are dragged."""
         transform = item.transform.copy()
+        # A drag of a pixel moves by a thousandth of the way to the origin, and by 5 mm at least.
         step = max(1e-3 * float(np.linalg.norm(transform[:3, 3])), 5e-3)
         moved, position = imgui.drag_float3("position", transform[:3, 3].tolist(), step, format="%.4g")
         # Turning and scaling are relative: a transform has no Euler angles of its own, and theirs would jump.

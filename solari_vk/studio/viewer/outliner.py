@@ -103,10 +103,16 @@ class Outliner:
         clicked, _ = imgui.selectable(f"{name}##name", any(item is picked for picked in session.picked))
         if dim:
             imgui.pop_style_color()
-        if clicked and (imgui.get_io().key_shift or imgui.get_io().key_ctrl):
-            session.pick_also(item)
-        elif clicked:
-            session.selected = item
+        if clicked:
+            self._click(item)
         if isinstance(item, Camera) and imgui.is_item_hovered() and imgui.is_mouse_double_clicked(0):
             session.camera_control.look_through(item)
             session.pictures.cut()
+
+    def _click(self, item: Any) -> None:
+        """Pick an item, with Shift or Ctrl among others."""
+        io = imgui.get_io()
+        if io.key_shift or io.key_ctrl:
+            self._session.pick_also(item)
+        else:
+            self._session.selected = item

@@ -142,6 +142,7 @@ class Overlay:
         Raises CompilationError for an error in a shader, and then records nothing until `reload` is called.
         """
         imgui.set_current_context(self._context)
+        # ImGui has nothing to draw before its first frame.
         if not self._laid_out:
             self.lay_out(0.0)
         self._renderer.draw(imgui.get_draw_data(), commands, swapchain, index)
@@ -171,6 +172,7 @@ class Overlay:
             self._probe.update()
             room, probe = layout.status.width - imgui.get_cursor_pos_x() - 8, self._probe.text
             imgui.text_unformatted(status_line(session, probe, room, lambda text: imgui.calc_text_size(text).x))
+            # The probe stands at the right edge, where it doesn't move as the text before it changes.
             imgui.same_line(layout.status.width - imgui.calc_text_size(probe).x - 8)
             imgui.text_unformatted(probe)
             imgui.end()

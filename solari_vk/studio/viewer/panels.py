@@ -80,6 +80,7 @@ class Panels:
         changed, degrees = imgui.slider_float("field of view", math.degrees(camera.vertical_fov), 5, 120, "%.0f deg")
         if changed and 0.1 < degrees < 179:
             camera.vertical_fov = math.radians(degrees)
+        # The slider shows the scale that "auto" has chosen; moving it fixes the scale.
         scale = session.scale
         _, scale.auto = imgui.checkbox("auto", scale.auto)
         hint("Render fewer pixels while something moves, so that it moves smoothly; at rest all of them.")
@@ -210,6 +211,7 @@ class Panels:
         for quality in QUALITIES:
             if imgui.button(quality):
                 values = {**DEFAULTS, **QUALITIES[quality]}
+                # Only what differs, so that undoing it gives the user's own values back.
                 changed = {name: values[name] for name in FIELDS if values[name] != getattr(settings, name)}
                 with self._session.showing_mistakes():
                     self._session.history.assign_each(f"the quality {quality}", settings, changed)

@@ -171,6 +171,7 @@ class Pictures:
     def view_key(self, camera: Camera) -> Hashable:
         """What the picture depends on but for its size, the settings, the exposure and the tone mapping: when it
         changes, what was rendered before is of no use. The scene counts as it was at its latest update."""
+        # Arrays can't be compared as wholes or hashed, their bytes can.
         fields = [getattr(camera, name) for name in Camera._names if name not in UNSEEN_FIELDS]
         seen = tuple(value.tobytes() if isinstance(value, np.ndarray) else value for value in fields)
         return seen, self.binder.revision, self.mode, self.view, self.counts_rays
@@ -216,6 +217,7 @@ class Pictures:
             return
         settings = self._upscaling.follow(self.settings, build.upscale)
         if self.realtime is None or self.realtime.count_rays != build.counts_rays:
+            # The old renderer goes once the new one is made: an error leaves it in use.
             made = Renderer(
                 self.device, self.binder, build.realtime, settings, seed=self.seed, count_rays=build.counts_rays
             )
@@ -239,6 +241,7 @@ class Pictures:
         size = self._reference_size(build)
         if self.reference is None:
             self.reference = ReferencePicture(self.device, self.binder, size, self.seed)
+        # A picture with all its samples is only tone mapped again.
         most = 1 if self.is_short else self.most_samples
         if self.sample_limit:
             most = min(most, self.sample_limit - self.reference.tracer.samples)
@@ -298,6 +301,7 @@ class Pictures:
             return {self.mode: (0.0, 1.0)}
         if not self._shows_raw:
             return {"realtime": (0.0, self.divider), "reference": (self.divider, 1.0)}
+        # The denoised picture is a strip around the divider, so that it can be dragged over any place.
         begin, end = max(self.divider - STRIP / 2, 0.0), min(self.divider + STRIP / 2, 1.0)
         return {"raw": (0.0, begin), "denoised": (begin, end), "reference": (end, 1.0)}
 

@@ -45,6 +45,7 @@ class Player:
         clip = self.clip
         if clip is None:
             return
+        # glTF says nothing of repetition; viewers repeat clips.
         self.seconds = seconds % clip.duration if clip.duration > 0 else 0.0
         # An edit may have made a pose impossible. Playing on would raise the error in each frame.
         try:

@@ -84,6 +84,7 @@ class Presenter:
         """Do what `show` does; returns the window's pixels, (height, width, 3), or None when they can't be read."""
         targets: list[Buffer] = []  # one at most, because the first frame that is shown is the last attempt
 
+        # The size of the window's images is known only once one is acquired.
         def new_target() -> Buffer | None:
             if self.swapchain.readable:
                 width, height = self.swapchain.extent
@@ -126,6 +127,7 @@ class Presenter:
         vk.vkCmdPipelineBarrier2(commands, full_barrier())  # the renderers wrote the parts
         # From "undefined": what the image held is of no use, and it may be a new image.
         vk.vkCmdPipelineBarrier2(commands, layout_barrier(shown, _UNDEFINED, _TARGET))
+        # The blit covers the area; the rest is black, where panels are drawn.
         area = self._area_in(width, height)
         if not parts or area != Area(0, 0, width, height):
             black, whole = raw.ffi.new("VkClearColorValue*"), raw.struct("VkImageSubresourceRange", **_WHOLE)
@@ -134,6 +136,7 @@ class Presenter:
         if parts:
             image = parts[0].image if len(parts) == 1 else self._compose(commands, parts)
             columns, rows = (area.x, area.x + area.width), (area.y, area.y + area.height)
+            # A blit and not a copy: it scales, filters, and orders the channels as the window has them.
             blit = _blit((0, image.width), (0, image.height), columns, rows)
             vk.vkCmdBlitImage(commands, image.handle, image.layout, shown, _TARGET, 1, blit, raw.VK_FILTER_LINEAR)
         vk.vkCmdPipelineBarrier2(commands, layout_barrier(shown, _TARGET, _ATTACHMENT))
@@ -167,6 +170,7 @@ class Presenter:
             usage = raw.VK_IMAGE_USAGE_STORAGE_BIT  # storage images stay in a layout that copies may write and read
             composed = self.device.image(width, height, parts[0].image.format, "window parts", usage=usage)
             self._composed = composed
+        # A part may be narrower than a column of the target; then its neighbors cover it.
         for part in parts:
             image, target = part.image, part.columns(width)
             if target[0] < target[1]:

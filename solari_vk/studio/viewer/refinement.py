@@ -10,6 +10,7 @@ FRAMES = 64  # of the full size after which a realtime picture is finished
 LEAST_FRAMES = 8  # of the full size after which it is finished if they took longer than PATIENCE
 PATIENCE = 30.0  # seconds: on a software device a frame of the full size takes some
 SAMPLES = 256  # per pixel after which a path-traced picture is finished
+# Full-size pictures begin with a few frames or samples, while the small one before has accumulated many.
 HIDDEN = 4  # frames, or samples per pixel, of the full size that look worse than what was shown before
 LONGEST_STEP = 0.12  # seconds that a step of a full-size picture should take, so that the window answers
 MOST_BANDS = 1 << 20
@@ -78,6 +79,7 @@ class Refinement:
         if self._began is None or not self.rests or self.finished:
             return None
         began, done = self._began
+        # By the mean rate since the picture began: single steps vary too much.
         gained = self.done - done
         return None if gained <= 0 else (self._clock() - began) * (1 - self.done) / gained
 
@@ -87,8 +89,10 @@ class Refinement:
 
     def begin_frame(self, view: Hashable) -> bool:
         """Compare what the next frame depends on with the last frame; returns whether that changed."""
+        # A view is compared as a whole: whatever a picture depends on begins it anew, without a list of events.
         changed = view != self._view
         self._view = view
+        # While the picture rests this counts on, for `steps` and `begins`.
         self._still = 0 if changed else self._still + 1
         if changed or self._still <= REST:
             self.done = self.count = 0.0

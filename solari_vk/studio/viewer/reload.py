@@ -31,6 +31,7 @@ class Sources:
 
     def changed(self) -> tuple[bool, bool]:
         """Whether shaders changed since the last call, and whether the scene's files did."""
+        # Hundreds of `stat` calls, too many for each frame.
         if time.monotonic() < self._next_look:
             return False, False
         self._next_look = time.monotonic() + INTERVAL
@@ -95,6 +96,7 @@ def _stamps(paths: Iterable[Path]) -> Stamps:
 
 def _named_by(file: Path) -> list[Path]:
     """The files that a .gltf names; an empty list for any other file, and while the file can't be read."""
+    # The file may be half written just now: the next look finds it whole.
     try:
         document = json.loads(file.read_text(encoding="utf-8")) if file.suffix.lower() == ".gltf" else {}
         uris = [item["uri"] for kind in ("buffers", "images") for item in document.get(kind, []) if "uri" in item]

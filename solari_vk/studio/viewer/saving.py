@@ -37,6 +37,7 @@ def files_of(path: Path) -> tuple[Path, ...]:
     """The files that `save_scene` writes for a path. Raises SolariError for another ending than .glb and .gltf."""
     if path.suffix.lower() not in (".glb", ".gltf"):
         raise SolariError(f"{path}: give a name that ends in .glb or .gltf")
+    # A .gltf file has its vertices and animations in a .bin file, a .glb file has them inside.
     data = [path.with_suffix(".bin")] if path.suffix.lower() == ".gltf" else []
     return (path, path.with_suffix(".py"), *data)
 
@@ -46,6 +47,7 @@ def save_scene(session: Session, path: Path) -> tuple[Path, list[str]]:
     can't hold. Raises SolariError for another ending, and if a file can't be written."""
     _, script, *_ = files_of(path)
     make_folder(path.parent)
+    # Saving warns about what glTF can't hold; the viewer tells the user, as a part of its own message.
     with warnings.catch_warnings(record=True) as noted:
         warnings.simplefilter("always")
         session.scene.save(path)
@@ -62,18 +64,21 @@ def _animated_edits(session: Session) -> tuple[list[str], list[str]]:
     lost = dict[str, None]()
     rigs = [clip.rig for clip in session.scene.animations]
     animated = {item for rig in rigs for item, *_ in (*rig.placed, *rig.skins, *rig.weighted)}
-    for edit in session.history:
-        if not isinstance(edit, Assignment) or edit.item not in animated:
-            continue
-        item: Any = edit.item
-        fields = {"transform" if isinstance(item, Placed) and name in PLACES else name for name in edit.after}
-        expression = _named_expression(session.scene, item)
-        for name in sorted(fields & {*PLACES, "visible"}):
+    edits = [edit for edit in session.history if isinstance(edit, Assignment) and edit.item in animated]
+    for edit in edits:
+        expression = _named_expression(session.scene, edit.item)
+        for name in _animated_fields(edit):
             if expression:
-                lines[f"{expression}.{name} = {np.asarray(getattr(item, name)).tolist()!r}"] = None
+                lines[f"{expression}.{name} = {np.asarray(getattr(edit.item, name)).tolist()!r}"] = None
             elif expression is not None:
-                lost[f"the {name} of {item.describe()}, which follows clips and has no name of its own"] = None
+                lost[f"the {name} of {edit.item.describe()}, which follows clips and has no name of its own"] = None
     return list(lines), list(lost)
+
+
+def _animated_fields(edit: Assignment) -> list[str]:
+    """The edited fields that clips change; an instance's or camera's place is its whole transform."""
+    fields = {"transform" if isinstance(edit.item, Placed) and name in PLACES else name for name in edit.after}
+    return sorted(fields & {*PLACES, "visible"})
 
 
 def _named_expression(scene: Scene, item: Any) -> str | None:

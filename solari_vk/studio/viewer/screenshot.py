@@ -32,7 +32,8 @@ def take_screenshot(session: Session) -> Path:
     make_folder(session.folder)
     numbered = (session.folder / f"solari-{number:03}.png" for number in itertools.count(1))
     target = next(path for path in numbered if not path.exists())
-    command, area = command_line(session, target), session.picture_area
+    command = command_line(session, target)
+    area = session.picture_area
     write_codes(target, fitted(pixels_of(session.parts()), (area.width, area.height)))
     save_image(
         target.with_suffix(".exr"),
@@ -40,6 +41,7 @@ def take_screenshot(session: Session) -> Path:
         exposure=session.camera.exposure,
         metadata={"command": command},
     )
+    # The command can't say that the picture was stretched, and has no options for edits: the text names both.
     lines, size = [command], session.pictures.size
     if size != (area.width, area.height):
         lines.append(
@@ -58,6 +60,7 @@ def fitted(pixels: NDArray[np.uint8], size: tuple[int, int]) -> NDArray[np.uint8
     """A picture (height, width, 3), stretched to a width and height as the window stretches it."""
     from PIL import Image
 
+    # The window's blit filters linearly, and so does this.
     if pixels.shape[1::-1] == size or 0 in size:
         return pixels
     return np.asarray(Image.fromarray(pixels).resize(size, Image.Resampling.BILINEAR))
@@ -108,6 +111,7 @@ def command_line(session: Session, output: Path) -> str:
         assert pictures.reference is not None
         return shlex.join([*words, "--mode", "reference", "--samples", str(pictures.reference.tracer.samples)])
     assert pictures.realtime is not None
+    # The last frame is the picture, and those before it are its history.
     words += ["--warm-up", str(pictures.realtime.frame_count - 1), "--frames", "1", "--view", pictures.view]
     for name, default in DEFAULTS.items():
         value = pictures.upscale if name == "upscale" else getattr(session.settings, name)

@@ -193,6 +193,7 @@ class Session(Messages):
     def reload_changed(self) -> None:
         """Reload the shaders and the scene's file if they changed on disk. Edits that aren't saved keep the file."""
         shaders, file = self.sources.changed()
+        # Nobody loses edits because another program writes the file.
         if file and self.history.unsaved:
             self.say(f"{self.name} has changed on disk: F5 loads it again, without your edits")
             file = False
@@ -209,6 +210,7 @@ class Session(Messages):
             loads["file"] = self._load_file
         # All of them, although one may fail: an error in a shader doesn't keep the file from being read.
         done = [self._reload(place, load) for place, load in loads.items()]
+        # Other shaders, or another scene, take another time.
         self.scale.forget_times()
         if all(done):
             self.say("shaders are reloaded" if shaders and not file else "reloaded")

@@ -112,6 +112,7 @@ class Window:
     def create_surface(self, instance: raw.CData) -> raw.CData:
         """A new VkSurfaceKHR. Raises DeviceError when the instance or the platform has no surfaces for windows."""
         out = raw.ffi.new("VkSurfaceKHR*")
+        # GLFW's errors are in its callback; the result is a VkResult.
         result = glfw.create_window_surface(instance, self.handle, None, out)
         if result < 0:
             raise DeviceError(f"Vulkan can't draw in this window: {self._error or f'VkResult {result}'}")
@@ -154,6 +155,7 @@ class Window:
         pixels, the system enlarges the window itself."""
         if self.closed or 0 in self.pixels:
             return 1.0
+        # On macOS and Wayland window coordinates are enlarged already; on X11 and Windows they are pixels.
         scale, _ = glfw.get_window_content_scale(self.handle)
         return float(min(max(scale * self.size[0] / self.pixels[0], 1.0), 4.0))
 
