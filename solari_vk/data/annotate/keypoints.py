@@ -121,10 +121,10 @@ def _local(point: Any, positions: NDArray[Any], who: str) -> NDArray[np.float64]
             if not 0 <= number < len(positions):
                 raise ValueError
             return np.asarray(positions[number], np.float64)
-        given = np.asarray(point, np.float64)
-        if given.shape != (3,) or not np.isfinite(given).all():
+        place = np.asarray(point, np.float64)
+        if place.shape != (3,) or not np.isfinite(place).all():
             raise ValueError
-        return given
+        return place
     except (TypeError, ValueError):
         raise SolariError(
             f"{who}: is three numbers, or a vertex from 0 to {len(positions) - 1}, not {quoted(point)}"

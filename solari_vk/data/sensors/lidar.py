@@ -212,8 +212,8 @@ class Lidar:
         channels, steps = along.shape[:2]
         rng = np.random.default_rng(seed)
         # The echoes by beam, and of a beam by distance.
-        kept = np.flatnonzero(found.distance >= self.min_range)
-        order = kept[np.lexsort((found.distance[kept], found.ray[kept] // self.rays_per_beam))]
+        valid = np.flatnonzero(found.distance >= self.min_range)
+        order = valid[np.lexsort((found.distance[valid], found.ray[valid] // self.rays_per_beam))]
         beam = found.ray[order] // self.rays_per_beam
         distance = found.distance[order]
         instance = found.instance[order]

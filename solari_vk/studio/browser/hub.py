@@ -72,7 +72,7 @@ class View:
     def tell(self, pages: Iterable[Page], message: Message) -> None:
         """Send pages a message, without waiting for slow ones."""
         for page in pages:
-            self._hub.keep(asyncio.ensure_future(page.tell(message)))
+            self._hub.hold(asyncio.ensure_future(page.tell(message)))
 
     async def picture(self) -> NDArray[np.uint8]:
         """The latest picture. Raises SolariError if there is none."""
@@ -218,7 +218,7 @@ class Hub:
         """Call a function on the device's thread."""
         return await asyncio.get_running_loop().run_in_executor(self._thread, function, *arguments)
 
-    def keep(self, task: asyncio.Future[Any]) -> None:
+    def hold(self, task: asyncio.Future[Any]) -> None:
         """Keep a task until it is done."""
         # asyncio itself holds its tasks by weak references, so that one could be collected while it runs.
         self._tasks.add(task)
@@ -275,7 +275,7 @@ class Hub:
             view.leaving.cancel()
         view.task.cancel()
         # The device's thread does its calls in order, so the screen is freed after the frame that it may be at.
-        self.keep(asyncio.ensure_future(self.call(view.free)))
+        self.hold(asyncio.ensure_future(self.call(view.free)))
 
     async def close(self) -> None:
         """Close everything, after what the device is at. Safe to call twice."""

@@ -152,7 +152,7 @@ class Screen:
         self.control = CameraControl(screens.camera, extent_of(screens.scene))
         self._scale = screens.scale_control()
         self._center: NDArray[np.float64] | None = None  # of the drag that goes on
-        self._sees = False  # whether the control knows how far away things are
+        self._knows_distance = False  # whether the control knows how far away things are
         self._still = 0  # frames since the last change
         self._resting = 1.0, 0  # the scale of the picture at rest, and its frames
         self._seconds = 0.0  # that the latest frame took
@@ -191,7 +191,7 @@ class Screen:
 
     def _move(self, movement: Mapping[str, Any]) -> None:
         if bool(movement.get("home")):
-            self._sees = False
+            self._knows_distance = False
             self._center = None
             self.pictures.cut()
         if move(self.control, movement, self._center):
@@ -272,7 +272,7 @@ class Screen:
             self._set(name, value)
         self.control.look_through(Camera.from_pose(state["pose"]))
         self.control.distance = float(state["distance"])
-        self._sees = True
+        self._knows_distance = True
 
     def _change(self) -> None:
         if self._still > REST:
@@ -296,8 +296,8 @@ class Screen:
         self._seconds = time.perf_counter() - began
         self._still += 1
         self._resting = scale, frames + 1
-        if not self._sees:
-            self._sees = True
+        if not self._knows_distance:
+            self._knows_distance = True
             self.control.see(seen_distance(pictures))
         self._adjust(rests, self._seconds)
         done = self._share_done(rests)

@@ -197,9 +197,9 @@ class EditActions:
         target = Path(path) if path is not None else session.save_path or free_path(session)
         known = session.save_path is not None and target.resolve() == session.save_path.resolve()
         # Saving again to the same name replaces what this session wrote, without a question.
-        taken = [] if known else [str(file) for file in files_of(target) if file.exists()]
-        text = f"There is {' and '.join(taken)} already."
-        if not taken or (session.question is not None and session.question.text == text):
+        existing = [] if known else [str(file) for file in files_of(target) if file.exists()]
+        text = f"There is {' and '.join(existing)} already."
+        if not existing or (session.question is not None and session.question.text == text):
             session.question = None
             self._write(target)
             return
@@ -277,11 +277,12 @@ class EditActions:
             question.answers[words]()
 
 
-def _free_name(name: str, taken: Iterable[str]) -> str:
-    names = set(taken)
+def _free_name(name: str, names: Iterable[str]) -> str:
+    """The name, or with the first number behind it that makes it another one than these."""
+    others = set(names)
     found = name
     number = 1
-    while found in names:
+    while found in others:
         number += 1
         found = f"{name} {number}"
     return found

@@ -95,7 +95,7 @@ def _named_expression(scene: Scene, item: Any) -> str | None:
 def script_text(session: Session, scene_file: str, edits: Sequence[str] = ()) -> str:
     """A script that renders the picture from the scene in a file beside it. edits: lines after the scene is posed."""
     pictures = session.pictures
-    settles = _will_change(session)
+    will_change = _will_change(session)
     pose = {**session.camera.pose(), "ev100": session.camera.ev100}
     player = session.player
     shown = "realtime picture of the mode split" if pictures.mode == "split" else f"{pictures.mode} picture"
@@ -112,7 +112,11 @@ def script_text(session: Session, scene_file: str, edits: Sequence[str] = ()) ->
     if player.posed and player.clip:
         lines.append(f"scene.animate({player.seconds!r}, {player.number})")
     lines += [*edits, f"camera = sv.Camera.from_pose({pose!r})", "with sv.Device() as device:"]
-    lines += _reference_lines(session, settles) if pictures.mode == "reference" else _realtime_lines(session, settles)
+    lines += (
+        _reference_lines(session, will_change)
+        if pictures.mode == "reference"
+        else _realtime_lines(session, will_change)
+    )
     return "\n".join([*lines, '    frame.save(here.with_suffix(".png"))', ""])
 
 
@@ -122,36 +126,36 @@ def _will_change(session: Session) -> bool:
     return not session.pictures.ready or (refinement.enabled and not refinement.finished)
 
 
-def _size_and_seed(session: Session, settles: bool) -> str:
+def _size_and_seed(session: Session, will_change: bool) -> str:
     width, height = session.pictures.size
-    if settles:
+    if will_change:
         width, height = session.picture_area.width, session.picture_area.height
     return f"({width}, {height}), seed={session.pictures.seed}"
 
 
-def _reference_lines(session: Session, settles: bool) -> list[str]:
+def _reference_lines(session: Session, will_change: bool) -> list[str]:
     pictures = session.pictures
     samples = session.refinement.samples
-    if pictures.reference and not settles:
+    if pictures.reference and not will_change:
         samples = pictures.reference.tracer.samples
     return [
-        f"    renderer = sv.PathTracer(device, scene, {_size_and_seed(session, settles)})",
+        f"    renderer = sv.PathTracer(device, scene, {_size_and_seed(session, will_change)})",
         f"    renderer.tonemap = {pictures.tonemap!r}",
         f"    frame = renderer.render(camera, samples={samples or SAMPLES})",
     ]
 
 
-def _realtime_lines(session: Session, settles: bool) -> list[str]:
+def _realtime_lines(session: Session, will_change: bool) -> list[str]:
     pictures = session.pictures
     values = {name: getattr(session.settings, name) for name in DEFAULTS}
     values["upscale"] = pictures.upscale
-    if settles:
+    if will_change:
         del values["upscale"]  # it follows the size, which is the whole one then
     settings = [f"{name}={value!r}" for name, value in values.items() if value != DEFAULTS[name]]
-    frames = FRAMES if settles else session.refinement.frames
+    frames = FRAMES if will_change else session.refinement.frames
     return [
         f"    settings = sv.Settings({', '.join(settings)})",
-        f"    renderer = sv.Renderer(device, scene, {_size_and_seed(session, settles)}, settings=settings)",
+        f"    renderer = sv.Renderer(device, scene, {_size_and_seed(session, will_change)}, settings=settings)",
         f"    renderer.view, renderer.tonemap = {pictures.view!r}, {pictures.tonemap!r}",
         f"    for _ in range({frames}):",
         "        frame = renderer.render(camera)",

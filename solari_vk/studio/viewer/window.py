@@ -252,6 +252,6 @@ def _checked_size(size: tuple[int, int]) -> tuple[int, int]:
     return width, height
 
 
-def _text(given: Any) -> str:
+def _text(value: Any) -> str:
     """A text from GLFW, which gives bytes although its type hints say otherwise."""
-    return given.decode(errors="replace") if isinstance(given, bytes) else str(given)
+    return value.decode(errors="replace") if isinstance(value, bytes) else str(value)
