@@ -58,6 +58,7 @@ def test_page_has_all_figures(device, capsys, monkeypatch, tmp_path):
 
 def test_ways_to_build_trees(device, monkeypatch):
     """They find the same hits, and their orders are those that they say."""
+    # A few rays are enough to compare hits.
     monkeypatch.setattr(tree_order, "SIZE", (8, 8))
     scene = builtin("cornell_box")
     rates = tree_order.measure(device, scene)
@@ -208,6 +209,7 @@ def test_quick_page_of_the_denoiser(lent_device, tmp_path, monkeypatch):
     assert titles == ["still", "camera turns", "camera orbits", "short block moves", "lamp moves"]
     assert {path.stem.partition(", ")[2] for path in pictures.iterdir()} == set(titles)
     for path in kept.iterdir():
+        # References with twice the light, in place of those that the first run has kept.
         held = dict(np.load(path))
         np.savez(path, references=held["references"] * 2, view=held["view"])
     cases = denoised.cases
@@ -234,6 +236,7 @@ def test_page_of_times_that_are_given(lent_device, tmp_path, monkeypatch):
     measured = frame_ms.milliseconds(lent_device, builtin("cornell_box"), (16, 16), 1000.0, 9)
     assert measured.shape == (8,)
     assert measured.min() > 0
+    # The frames of a quarter: a slow first one, seven slow ones after the cut, and the others.
     quarter = np.array([50.0, *[20.0] * 7, *[10.0] * 92])
     monkeypatch.setattr(frame_ms, "milliseconds", lambda device, scene, size, aim, frames: np.tile(quarter - aim, 4))
     page = tmp_path / "page.md"

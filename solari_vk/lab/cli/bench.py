@@ -215,5 +215,6 @@ Measurement.PARTS = (
 
 def run(job: Measurement) -> None:
     """Measure, print, and write the page."""
+    # The fields of a job have the names of the arguments; the module is imported only when it is asked for.
     values = dict(vars(job))
     import_module(f"solari_vk.lab.measure.{job.MODULE}").run(values.pop("device"), **values)

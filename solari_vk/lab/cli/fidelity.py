@@ -81,6 +81,7 @@ def render(device: Device, scenario: Scenario, path: Path, job: FidelityJob, den
     """Write the picture of one scenario."""
     model, lighting = str(scenario.file("model")), str(scenario.file("lighting"))
     scene = load_scene(SceneOptions(source=model, environment=lighting, exposure="camera")).scene
+    # Unlit colors are shown as they are, whatever the camera's exposure.
     fidelity.show_unlit_colors(scene)
     low, high = scene.bounds
     camera: Camera = scenario.camera(float(sum((high - low) ** 2) ** 0.5 / 2))
@@ -93,6 +94,8 @@ def render(device: Device, scenario: Scenario, path: Path, job: FidelityJob, den
         if scenario.skybox:
             codes = fidelity.codes(radiance, job.tonemap)
         else:
+            # The background becomes transparent, so its radiance is taken out of each pixel by the share that it
+            # covers.
             coverage = renderer.first_hits.read_coverage(Projection.of(camera, size), size)
             assert scene.environment is not None
             codes = fidelity.codes(radiance, job.tonemap, coverage, backdrop(scene.environment, camera, size))

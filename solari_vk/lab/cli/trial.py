@@ -102,6 +102,7 @@ def _scenes(job: TrialJob) -> Iterator[TrialScene | tuple[str, SolariError]]:
     names: set[str] = set()
     for file in job.files:
         stem = re.sub(r"[^\w.-]", "_", file.stem)
+        # Files of the same name in several folders get a number.
         name = next(n for n in (stem, *(f"{stem}-{i}" for i in range(2, len(job.files) + 2))) if n not in names)
         names.add(name)
         try:
@@ -110,6 +111,7 @@ def _scenes(job: TrialJob) -> Iterator[TrialScene | tuple[str, SolariError]]:
         except SolariError as error:
             yield name, error
             continue
+        # A backdrop of ours is in no file that the other renderers load.
         if found.scene.backdrop is not None:
             found.scene.remove(found.scene.backdrop)
         yield TrialScene(name, file, found.scene, found.cameras[0])

@@ -59,6 +59,7 @@ def by(rays: str, rules: Iterable[Rule], measure: Measure) -> Measure:
     def check(context: CheckContext) -> Iterable[Measurement]:
         if context.device.rays == rays:
             return measure(context)
+        # A check of the other way would say nothing about this one, so its rules count as unsupported.
         lacked = ", ".join(context.device.missing_rays[rays])
         other = f"the device is opened for rays by {context.device.rays}, not by {rays}"
         context.recorder.unmeasured(rules, UNSUPPORTED, f"the device lacks {lacked}" if lacked else other)

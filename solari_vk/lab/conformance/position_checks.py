@@ -25,6 +25,7 @@ RULES = {
 def measure_positions(shaders: ShaderRunner, probes: Sequence[Probe], header: str = "") -> Iterator[Measurement]:
     """Compare returned positions with the geometry, after its transform, for each triangle that a probe must hit."""
     rays = probe_rays(shaders.element("conformance/positions", "probes"), probes)
+    # All shapes, so that geometries with transforms and indices are among them.
     with Structures(shaders.device, SHAPES, list(INSTANCES.values())) as structures:
         inputs = {"tlas": structures.tlas, "probes": rays}
         outputs = {"corners": len(rays), **(rt.FAULT_BUFFERS if header else {})}

@@ -69,10 +69,12 @@ _no_triangles = flag_rule("SKIP_TRIANGLES: triangles are not hit")
 _no_boxes = flag_rule("SKIP_AABBS: AABBs are neither candidates nor hit")
 
 FLAGS = [
+    # Opaque triangles are committed without a candidate; others are candidates until they are confirmed.
     Probe("opaque", _no_flag, "opaque", _HIT, action=PASS_OVER, candidates=0),
     Probe("glass passed over", _no_flag, "glass", None, action=PASS_OVER, candidate=_HIT, candidates=1),
     Probe("glass confirmed", _no_flag, "glass", _HIT, candidate=_HIT, candidates=1),
     Probe(
+        # The glass lies 1 above the opaque triangle of the same instance.
         "glass before opaque",
         _no_flag,
         "glass over opaque",
@@ -85,6 +87,7 @@ FLAGS = [
     Probe("away", _no_flag, "opaque", None, direction=(0.0, 0.0, 1.0), candidates=0),
     Probe("forced glass", _force, "glass", _HIT, flags=FORCE_OPAQUE, action=PASS_OVER, candidates=0),
     Probe("forced stack", _force, "glass stack", _HIT, flags=FORCE_OPAQUE, action=PASS_OVER, candidates=0),
+    # Flags of the ray win over those of the instance, which win over those of the geometry.
     Probe("forced over instance", _force, "made glass", _HIT, flags=FORCE_OPAQUE, action=PASS_OVER, candidates=0),
     Probe(
         "unforced opaque passed",
@@ -107,6 +110,7 @@ FLAGS = [
         candidate=_HIT,
         candidates=1,
     ),
+    # Any of the layers may come first: the order of traversal is the driver's.
     Probe("first of a wall", _first, "wall", _ANY_LAYER, flags=TERMINATE_ON_FIRST_HIT, among=_LAYERS, candidates=0),
     Probe(
         "first confirmed", _first, "glass stack", _ANY_LAYER, flags=TERMINATE_ON_FIRST_HIT, among=_LAYERS, candidates=1
@@ -122,6 +126,7 @@ FLAGS = [
         **_ALONG_X,
     ),
     Probe(
+        # A generated hit may lie outside of its box; it still ends the search.
         "first of boxes, hit beyond them",
         _first,
         "boxes",
@@ -143,6 +148,7 @@ FLAGS = [
     Probe(
         "nothing confirmed", _first, "glass stack", None, flags=TERMINATE_ON_FIRST_HIT, action=PASS_OVER, candidates=4
     ),
+    # Queries have no closest-hit shader, so that the flag must change nothing.
     Probe("no closest hit shader", _closest, "opaque", _HIT, flags=SKIP_CLOSEST_HIT_SHADER, candidates=0),
     Probe("no closest hit shader, back", _closest, "opaque", _BACK_HIT, flags=SKIP_CLOSEST_HIT_SHADER, **_BELOW),
     Probe("no closest hit shader, glass", _closest, "glass", _HIT, flags=SKIP_CLOSEST_HIT_SHADER, candidates=1),
@@ -209,6 +215,7 @@ RANGE = [
     Probe("just before t_min", _least, "opaque", None, t_min=2 + _EDGE),
     Probe("at t_min", _least, "opaque", None, t_min=2.0),
     Probe("glass at t_min", _least, "glass", None, t_min=2.0, candidates=0),
+    # Layers are 1 apart: the range begins between two of them.
     Probe("second layer by t_min", _least, "wall", Expected(TRIANGLE, 3.0, primitive=1), t_min=2.5),
     Probe("last layer by t_min", _least, "glass stack", Expected(TRIANGLE, 5.0, primitive=3), t_min=4.5, candidates=1),
     Probe("just before t_max", _most, "opaque", _HIT, t_max=2 + _EDGE),
@@ -220,6 +227,7 @@ RANGE = [
     Probe("two layers between", _most, "glass stack", None, t_min=2.5, t_max=4.5, action=PASS_OVER, candidates=2),
     Probe("box beyond t_max", _most, "boxes", None, **_DOWN, t_max=1.9, action=GENERATE_SPHERE),
     Probe("twice as long", _scale, "opaque", Expected(TRIANGLE, 1.0), direction=(0, 0, -2)),
+    # A direction of another length changes t, not the point that is hit.
     Probe("thousandth", _scale, "opaque", Expected(TRIANGLE, 2048.0), direction=(0, 0, -1 / 1024), t_max=1e4),
     Probe("thousand", _scale, "opaque", Expected(TRIANGLE, 2 / 1024), direction=(0, 0, -1024)),
     Probe("slanted", _scale, "opaque", Expected(TRIANGLE, 0.5), origin=(2.5, 1.25, 2.0), direction=(-4, -2, -4)),
@@ -234,10 +242,12 @@ INSTANCE_FLAGS = [
     Probe("flipped", _facing, "flipped", _BACK_HIT),
     Probe("flipped, back faces culled", _facing, "flipped", None, flags=CULL_BACK_FACING),
     Probe("flipped, front faces culled", _facing, "flipped", _BACK_HIT, flags=CULL_FRONT_FACING),
+    # The face is that of object space: a transform that mirrors does not swap it.
     Probe("mirrored instance", _facing, "mirrored", _HIT, flags=CULL_BACK_FACING),
     Probe("mirrored instance from the back", _facing, "mirrored", _BACK_HIT, flags=CULL_FRONT_FACING, **_BELOW),
     Probe("inverted instance", _facing, "inverted", _HIT, flags=CULL_BACK_FACING),
     Probe("flipped and mirrored", _facing, "flipped mirrored", _BACK_HIT),
+    # The transform of a geometry is applied before, and does swap it.
     Probe("mirrored geometry", _facing, "mirrored geometry", _BACK_HIT, origin=(1.5, 0.25, 2.0)),
     Probe("not culled from the back", _two, "two-sided", _BACK_HIT, flags=CULL_BACK_FACING, **_BELOW),
     Probe("not culled from the front", _two, "two-sided", _HIT, flags=CULL_FRONT_FACING),
@@ -251,6 +261,7 @@ _index = hit_rule("instance_index, instance_custom_data, sbt_record_offset")
 _place = hit_rule("geometry_index, primitive_index")
 _moved = hit_rule("object_to_world, world_to_object of moved, rotated, mirrored and sheared instances")
 GETTERS = [
+    # Instance fields of 24 bits share words with masks and flags of 8 bits.
     Probe("24 bits", _index, "all bits", _HIT),
     Probe("top and lowest bit", _index, "top bit", _HIT),
     Probe("no bit", _index, "zero", _HIT),
@@ -265,6 +276,7 @@ GETTERS = [
         origin=(2.5, 0.25, 2.0),
         t_min=2.5,
     ),
+    # The third geometry has a transform, which moves it by (4, 0, 0.5).
     Probe("third geometry", _place, "many", Expected(TRIANGLE, 1.5, 2), origin=(4.5, 0.25, 2.0)),
     Probe(
         "third geometry, third triangle",

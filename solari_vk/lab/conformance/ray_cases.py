@@ -24,6 +24,7 @@ from solari_vk.lab.structures import Structures
 
 def probes(context: CheckContext, build_mode: str, stage: str = probe_checks.STAGES[0]) -> Iterable[Measurement]:
     """Single rays by ray queries, in a shader stage, over structures that were built in one of BUILD_MODES."""
+    # A device may trace rays and yet lack what a raster pass needs.
     missing = [feature for feature in NEEDED if feature not in context.device.features]
     if stage == "fragment" and missing:
         context.recorder.unmeasured(call_rule("ray queries in fragment shaders"), UNSUPPORTED, missing[0])
@@ -39,6 +40,7 @@ def probes(context: CheckContext, build_mode: str, stage: str = probe_checks.STA
 def ray_probes(context: CheckContext, build_mode: str) -> Iterable[Measurement]:
     """Single rays by pipelines, over structures that were built in one of BUILD_MODES."""
     culling = ray_probe_checks.CULLING in context.device.features
+    # Without the feature these flags of rays are invalid, so such probes must not be sent.
     asked = [probe for probe in ray_probe_checks.ASKED if culling or not ray_probe_checks.culls(probe)]
 
     def measure(context: CheckContext) -> Iterable[Measurement]:
@@ -78,6 +80,7 @@ def vertex_return(context: CheckContext) -> Iterable[Measurement]:
     """The corners of triangles that rays hit."""
     if context.device.has_position_fetch:
         return position_checks.measure_positions(context.shaders, _chosen(position_checks.HITTING, context.part))
+    # An old validation layer does not know the extension and hides it.
     layer = " (hidden by the validation layer)" if context.device.validation else ""
     context.recorder.unmeasured(position_checks.RULES.values(), UNSUPPORTED, "rayTracingPositionFetch" + layer)
     return ()

@@ -26,6 +26,7 @@ class Recorder:
 
     def __call__(self, measured: Measurement | Iterable[Measurement]) -> None:
         """Record one or more measurements."""
+        # Each outcome is told at once, so that a crash loses none that came before it.
         for made in [measured] if isinstance(measured, Measurement) else measured:
             status, reason = self._judge(made)
             self._add(made.rule, status, made, reason)

@@ -96,6 +96,7 @@ def _rows(
     device: Device, report: Report, scene: Scene, compared: Sequence[Settings], plan: _Plan, references: Path | None
 ) -> list[list[list[str]]]:
     """The rows of a scene, for each of the compared settings but the first, which the others are held against."""
+    # The first settings are measured once for all that they are compared with.
     tables: list[list[list[str]]] = [[] for _ in compared[1:]]
     time_before, *times = milliseconds(device, scene, plan.timed_size, compared)
     for case in list(cases(scene, plan.size, max(plan.looks)))[: plan.cases]:

@@ -31,12 +31,13 @@ def device_seconds(device: Device, work: Work) -> float:
         work()
         device.wait_idle()
 
-    device.wait_idle()
+    device.wait_idle()  # work that is still under way would count
     return seconds(run)
 
 
 def best_seconds(device: Device, work: Work, total: float) -> float:
     """The smallest `device_seconds` of as many runs as `total` seconds allow, at least one."""
+    # The smallest time is that with the least other work on the machine.
     times = [device_seconds(device, work)]
     while sum(times) < total:
         times.append(device_seconds(device, work))

@@ -83,6 +83,7 @@ def _passes(device: Device, report: Report, chosen: list[Scene], size: Size, pla
         counts = frame_passes.count_rays(device, binder, scene.camera, size, plan.warm_up_frames, 2)
         all_rays = sum(counts.values())
         rays.append({**counts, "all": all_rays})
+        # Timestamps of passes that overlap would count the same time twice.
         with every_barrier():
             renderer = Renderer(device, binder, size, Settings())
         with renderer:
@@ -91,6 +92,7 @@ def _passes(device: Device, report: Report, chosen: list[Scene], size: Size, pla
         times.append(spent)
         frames.append({"all passes": sum(spent.values()), "frame, from call to done": frame})
         picture = pictures / f"{scene.name}.png" if pictures is not None and size == plan.sizes[0] else None
+        # Both G-buffers are measured in one run, since other runs differ by the load of the machine.
         for gbuffer_choice in GBUFFERS:
             with Renderer(device, binder, size, Settings(gbuffer=gbuffer_choice)) as renderer:
                 streamed, ratio = _in_a_stream(renderer, scene, plan, all_rays * size[0] * size[1], picture)
@@ -207,6 +209,7 @@ def _growth(device: Device, report: Report, plan: Plan) -> None:
             report.progress(f"growth: {count:,} {what}")
             try:
                 spent = frame_costs.frame_time(device, *make(count), plan)
+            # A limit of the device ends one row, not the page.
             except SolariError as error:  # too large for the device
                 rows.append([f"{count:,}", str(error).partition("\n")[0], "", ""])
                 continue
@@ -228,6 +231,7 @@ def _animated(device: Device, report: Report, chosen: list[Scene], plan: Plan) -
 
 def _memory(device: Device, report: Report) -> None:
     report.progress("memory")
+    # Small pictures: bytes grow linearly, and these fit everywhere.
     stages = frame_costs.memory(device, (64, 64), (128, 128))
     slopes, fixed_bytes = map(sum, zip(*stages.values(), strict=True))
     rows = [[name, f"{slope:.1f}", f"{fixed / 1e6:.2f}"] for name, (slope, fixed) in sorted(stages.items())]

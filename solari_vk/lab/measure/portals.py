@@ -69,6 +69,7 @@ def run(
         for name, sky in skies:
             report.progress(name)
             rooms = [window_room(sky(), with_portal=with_portal) for with_portal in (False, True)]
+            # A portal changes noise, not light: one reference serves both rooms.
             truths = path_traced(device, rooms[0], rooms[0].camera, size, converged, None)
             before, after = (_trace(device, room, truths, samples, seeds) for room in rooms)
             rows.append([name, f"path tracer, {samples} samples", *_cells(*before, *after)])
@@ -114,6 +115,7 @@ def _trace(device: Device, scene: Scene, truths: Picture, samples: int, seeds: i
         for seed in range(seeds):
             tracer.seed = SEED + seed
             start = time.perf_counter()
+            # Reading the picture waits for the device.
             picture = np.asarray(tracer.render(samples=samples)["radiance"], np.float64)
             spent.append(1e3 * (time.perf_counter() - start))
             errors.append(true_relative_mse(picture, *truths))

@@ -134,6 +134,7 @@ def _measured(
             started = time.perf_counter()
             pictures = METHODS[method](device, scene, size, camera, seed)
             with pictures.renderer:
+                # The first picture loads and compiles; its time is a column of its own.
                 pictures.refine(1)
                 first.setdefault(method, time.perf_counter() - started)
                 truths = truths or _truths(device, scene, size, camera, samples)
@@ -179,6 +180,7 @@ def _reach(
         seconds += time.perf_counter() - begun
         begun = time.perf_counter()
         picture = pictures.picture()
+        # Denoising is a part of the last picture only: earlier ones are made to know when to stop.
         finished = seconds + time.perf_counter() - begun
         if true_relative_mse(picture, *truths) <= error:
             return finished, count

@@ -52,6 +52,7 @@ def _by_centers(low: NDArray[Any], high: NDArray[Any] | None = None, larger: int
         if end - first > 2:
             part = order[first:end]
             axis = np.ptp(centers[part], axis=0).argmax()
+            # Mesa halves lists by their middle; with the larger half first ours are its halves.
             half = first + (end - first + larger) // 2
             order[first:end] = part[np.argpartition(centers[part, axis], half - first - 1)]
             runs += [(first, half), (half, end)]
@@ -66,6 +67,7 @@ def _as_given(low: NDArray[Any], high: NDArray[Any] | None = None) -> NDArray[np
 def _handed(order: Order = spatial_order, **options: Any) -> Iterator[None]:
     """Binders that are updated in this context give the builder this order and these options."""
     with (
+        # Both places where the binder orders what the driver's builder gets.
         mock.patch.object(geometry, "spatial_order", order),
         mock.patch.object(traced_instances, "spatial_order", order),
         mock.patch.object(geometry, "Blas", partial(Blas, **options)),

@@ -127,6 +127,7 @@ class Comparison:
     def distances(self) -> dict[tuple[str, str], Distance]:
         """Of all pairs of renderers; ours comes first. They are computed once, when results and exposure are known,
         since a page is written after each scene."""
+        # Ours first; the others keep the order in which they were asked for.
         order = sorted(self.results, key=lambda name: name != OURS)
         return {(a, b): distance(self.results[a], self.results[b], self.exposure) for a, b in combinations(order, 2)}
 
@@ -196,6 +197,7 @@ class _Running:
     def measure_times(self, goal: Goal, most_samples: int) -> None:
         """Double the samples of each renderer until its error is small enough; renderers take turns."""
         seed = SEEDS_OF_PICTURES[-1]
+        # Renderers begin together, so that they take turns from the first picture on.
         count = min((self._least_samples(name, goal) for name in self._processes), default=1)
         while count <= most_samples:
             waiting = [name for name in self._processes if self._is_waiting(name, goal)]

@@ -40,6 +40,7 @@ def _textures(material: Material) -> dict[str, Any]:
 
 
 def _moves_uvs_apart(material: Material) -> bool:
+    # Textures that are left out cannot need uvs of their own.
     used = [texture for name, texture in _textures(material).items() if name in USED]
     ways = {(texture.uv_set, texture.uv_transform.tobytes()) for texture in used}
     return len(ways) > 1 or any(texture.wrap_u != texture.wrap_v for texture in used)
@@ -47,6 +48,7 @@ def _moves_uvs_apart(material: Material) -> bool:
 
 def _is_layered(material: Material) -> bool:
     """Whether it becomes Mitsuba's `principled`."""
+    # As in translation.py: what becomes glass, or plain diffuse, is not layered.
     glass = material.transmission == 1 and material.transmission_texture is None and material.metallic == 0
     return not glass and not material.unlit and (material.specular > 0 or material.metallic > 0)
 
@@ -58,6 +60,7 @@ def _has_parts_inside_out(mesh: Mesh) -> bool:
     is_open = (neighbors(corners, np.ones(len(corners), bool)) < 0).reshape(-1, 3).any(axis=1)
     ends = corners[:, 1:].T.reshape(-1)
     part = components(int(corners.max()) + 1, np.tile(corners[:, 0], 2), ends)[corners[:, 0]]
+    # The signed volume of each part, six times, by the divergence theorem.
     volumes = np.bincount(part, np.linalg.det(mesh.positions[mesh.triangles].astype(np.float64)))
     closed = volumes[np.bincount(part, is_open) == 0]
     return bool(closed.min(initial=0) < 0 < closed.max(initial=0))

@@ -89,6 +89,7 @@ def run(
             name, error = item
             page.add(name, Comparison(failures={OURS: str(error)}), ())
         if markdown is not None:
+            # Again after each scene, so that a run that is stopped leaves what it has.
             write_whole(markdown, page.markdown())
     return page
 
@@ -116,6 +117,7 @@ def measure(
         for log in work.glob("*.log"):
             shutil.copy(log, folder)
     finally:
+        # Arrays of all meshes and textures: nobody needs them after the run.
         shutil.rmtree(work, ignore_errors=True)
     if found.results:
         # All pictures of a scene have one exposure, so that they can be compared.

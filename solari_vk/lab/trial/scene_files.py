@@ -79,6 +79,7 @@ def write(item: TrialScene, conditions: Conditions, folder: Path) -> None:
         save_image(folder / "environment.exr", environment.image)
         save_image(folder / "environment.npy", environment.image)
     (folder / "job.json").write_text(json.dumps(job), encoding="utf-8")
+    # Ours reads the scene as it is; the others read the file and what is written here.
     (folder / "scene.pickle").write_bytes(pickle.dumps((scene, camera), protocol=5))
     translation.write(scene, folder)
 

@@ -37,6 +37,7 @@ def lose_device(run):
 
 
 def close_pipe(run):
+    # The pipe to the parent is held by a frame of the worker, where no name reaches it.
     for connection in [item for item in gc.get_objects() if isinstance(item, Connection)]:
         connection.close()
 
@@ -82,5 +83,6 @@ def parts(check):
     return ["first", "second", "third"] if check.case == "in parts" else []
 
 
+# Only in a child: the parent imports this module too.
 if multiprocessing.parent_process() is not None and os.environ.get("ABORT_AT_OPENING"):
     os.abort()

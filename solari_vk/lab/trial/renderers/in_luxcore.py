@@ -39,12 +39,14 @@ def load(job: dict[str, Any], folder: Path) -> Callable[[int, int], Any]:
         chosen = properties(settings | {"renderengine.seed": seed + 1, "batch.haltspp": samples})
         session = pyluxcore.RenderSession(pyluxcore.RenderConfig(chosen, scene))
         session.Start()
+        # LuxCore checks its halt conditions only when its statistics are asked for.
         while not session.HasDone():
             time.sleep(0.005)
             session.UpdateStats()
         session.Stop()
         picture = np.zeros((height, width, 3), np.float32)
         session.GetFilm().GetOutputFloat(pyluxcore.FilmOutputType.RGB, picture)
+        # Its first row is the lowest one.
         return picture[::-1]
 
     return render
@@ -192,7 +194,9 @@ class Builder:
             if "alpha" in parameters:
                 made |= dict.fromkeys(("uroughness", "vroughness"), parameters["alpha"])
         else:
+            # Disney's "specular" is the reflection straight on over 0.08.
             eta = parameters.pop("eta")
+            # LuxCore's model cannot transmit light: see differences.py.
             parameters.pop("spec_trans", None)
             made = {"type": "disney", "specular": ((eta - 1) / (eta + 1)) ** 2 / 0.08}
             made |= {DISNEY.get(name, name): value for name, value in parameters.items()}

@@ -69,6 +69,7 @@ class Builder:
             "pixel_format": "rgb",
             "component_format": "float32",
         }
+        # An orthographic sensor has no angle.
         angle = {} if half else {"fov": float(np.degrees(camera["vertical_fov"])), "fov_axis": "y"}
         sensor = {
             "type": "orthographic" if half else "perspective",
@@ -111,6 +112,7 @@ class Builder:
         if light["kind"] == "point":
             return {"type": "point", "position": light["position"], "intensity": rgb(intensity)}
         at = np.array(light["position"])
+        # Any axis that is far from the direction.
         up = np.eye(3)[np.argmin(np.abs(light["direction"]))]
         place = mi.ScalarTransform4f().look_at(origin=at, target=at + light["direction"], up=up)
         outer, inner = (float(np.degrees(light[f"{name}_cone_angle"])) for name in ("outer", "inner"))
