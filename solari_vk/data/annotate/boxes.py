@@ -45,6 +45,7 @@ def boxes_3d(
     for item in numbered.values():
         if not isinstance(item, Instance):
             raise SolariError(f"boxes_3d: takes instances, such as group.items, not {quoted(item)}")
+    # Parts of an object that have different labels stay objects of their own.
     labels = {number: instance.label for number, instance in numbered.items()}
     objects = objects_of(numbered, labels, merge=merge)
     return {

@@ -48,6 +48,7 @@ def run(job: MovieJob, loaded: LoadedScene, how: Settings | int) -> int:
             tasks = blocks(style, views)
         journal = open_journal(folder / f"{output.stem}.jsonl", pool, loaded.scene, tasks)
         complete = render_files(pool, loaded.scene, tasks, journal, job)
+    # The pictures of a movie go only once it is written; until then the next run goes on with them.
     if job.is_movie and complete:
         write_movie(output, [folder / view.name for view in views], job.fps)
         shutil.rmtree(folder)
@@ -73,6 +74,7 @@ def _shutter(job: MovieJob) -> Shutter | None:
     if job.shutter is None:
         return None
     exposed, readout = job.shutter
+    # Two pictures would be exposed at once, which no camera does.
     if exposed + readout > 1 / job.fps:
         raise SolariError(
             f"--shutter {exposed:g},{readout:g}: is longer than a picture at --fps {job.fps}, {1 / job.fps:.4g} s"

@@ -82,6 +82,8 @@ class AnnotationWriter:
     def write(self, kinds: Sequence[str], views: Sequence[View]) -> None:
         """Write these of ANNOTATIONS. Raises SolariError for a file that can't be written, and for what a format
         doesn't have."""
+        # COCO has one file for all pictures, and reads them one by one from the generator: a data set may be larger
+        # than memory.
         pictures = self._pictures(kinds, views)
         if "yolo" in kinds:
             write_whole(self._folder / CLASSES, "".join(f"{name}\n" for name in self._annotations.classes))

@@ -74,6 +74,7 @@ def run(job: DatasetJob) -> int:
         print(f"{len(cameras)} views of {job.source}, EV100 {ev100:.2f}", file=sys.stderr)
         views = _views(job, style, cameras)
         tasks = _tasks(style, views, job.cameras == "random" or randomizer is not None)
+        # The journal is opened before any file is written: it refuses a folder that holds another data set.
         journal = open_journal(folder / JOURNAL, pool, loaded.scene, tasks)
         _write_tables(job, style, views, loaded.scene, labels)
         if not render_files(pool, loaded.scene, tasks, journal, job):
@@ -133,6 +134,7 @@ def _views(job: DatasetJob, style: Style, cameras: list[Camera]) -> list[View]:
         check_colmap(cameras, job.size)
     if not FLOWS & set(style.layers):
         return views
+    # The first and the last view have a neighbor on one side only; their flow to the other side is "outside".
     neighbors = [None, *cameras, None]
     return [
         dataclasses.replace(view, before=neighbors[number], after=neighbors[number + 2])
@@ -158,6 +160,7 @@ def _with_layers(job: DatasetJob) -> DatasetJob:
         if name not in ANNOTATIONS:
             raise SolariError(f"--annotations {name}: take some of {', '.join(ANNOTATIONS)}")
         needed += ANNOTATIONS[name]
+    # All options are checked here, before a scene is loaded or a device is opened.
     _check_formats(job, needed)
     if job.labels is not None and "instance_id" not in (*job.aov, *needed):
         raise SolariError("--labels: are part of --annotations and --aov instance_id: give one of them")

@@ -56,6 +56,7 @@ def _random_cameras(scene: Scene, count: int, aspect: float, seed: int) -> list[
     shown = [instance for instance in scene if instance.visible and instance is not scene.backdrop]
     if not shown:
         raise SolariError(f"--cameras random: {scene.describe()} has no visible instance")
+    # A room is seen from inside; around it there would be only walls.
     points = extent(shown)
     room = find_room(shown, points)
     # A generator for each number: a camera doesn't depend on how many come before it.

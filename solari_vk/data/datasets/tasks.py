@@ -226,6 +226,7 @@ class RenderTask:
     def _save(self, session: DeviceSession, folder: Path, view: View, results: Any, number: int) -> None:
         for layer, values in self._traced_layers(session, view).items():
             write_npy(folder / f"{Path(view.name).stem}.{layer}.npy", values)
+        # These go through the picture's writer, since .exr and .npz files hold them inside.
         layers: dict[str, NDArray[Any]] = {name: results[name] for name in self.style.rendered}
         if self.style.sensor is not None:
             seed = numbered_seed(self.style.seed, number)

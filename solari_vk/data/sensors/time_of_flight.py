@@ -97,6 +97,7 @@ class TimeOfFlightCamera:
                 f"of these frequencies, {self.unambiguous_range:g} m: add a frequency, so that their "
                 "greatest common divisor is smaller"
             )
+        # Every turn up to the farthest distance is tried for every pixel.
         turns = self.farthest * 2 * max(frequencies) / SPEED_OF_LIGHT
         if turns > MOST_TURNS:
             raise SolariError(
@@ -140,6 +141,7 @@ class TimeOfFlightCamera:
         rng = np.random.default_rng(seed) if noise else None
         phases, amplitude, saturated = self._sample(found, size[0] * size[1], rng)
         distance = self._distance(phases)
+        # Saturated samples have lost their phase, and weak ones are mostly noise.
         valid = (amplitude >= self.min_amplitude) & ~saturated & (amplitude > 0)
         valid &= (distance >= self.min_range) & (distance <= self.farthest)
         distance = np.where(valid, distance, np.nan)

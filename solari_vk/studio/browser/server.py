@@ -160,6 +160,7 @@ class Server:
 
     async def _live(self, request: web.Request) -> web.WebSocketResponse:
         """A page's socket: it says {"session", "state", "width"}, then sends messages and gets frames."""
+        # JPEG and PNG are compressed already. The heartbeat finds pages whose machine was switched off.
         line = web.WebSocketResponse(heartbeat=HEARTBEAT, max_msg_size=LARGEST_MESSAGE, compress=False)
         await line.prepare(request)
         self._sockets.add(line)

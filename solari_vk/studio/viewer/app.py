@@ -269,6 +269,7 @@ class Viewer(Session):
         self._presenter.show(self.pictures.parts(), self._draw)
 
     def _record_times(self, since_last: float, seconds: float) -> None:
+        # The first frames compile.
         if self.frame_count > 1:
             self.spans.append(since_last)
         self.timings = self.pictures.timings

@@ -95,6 +95,7 @@ class CameraControl:
     def advance(self, seconds: float) -> None:
         """Fly in the directions whose keys are down, for this many seconds. The velocity changes smoothly."""
         position = self.camera.transform[:3, 3].copy()
+        # A frame that took seconds must not take a hundred thousand steps.
         steps = min(math.ceil(seconds / STEP), 100) if self.flies else 0
         for _ in range(steps):
             position += self._step(seconds / steps)

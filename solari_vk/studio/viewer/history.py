@@ -155,6 +155,7 @@ class History:
 
     def assign_each(self, text: str, item: Any, values: dict[str, Any]) -> None:
         """Assign several fields one after the other, as one edit that has its own text."""
+        # Settings are assigned one by one; scene objects take several fields at once. After an error all are as before.
         before = _snapshot_of(item, values)
         try:
             _assign(item, values, at_once=False)
@@ -217,6 +218,7 @@ class History:
         self._open = False
         if not source:
             return ""
+        # An edit that can't be undone would block all before it for ever, so it is forgotten.
         edit = source.pop()
         try:
             getattr(edit, how)()

@@ -72,6 +72,7 @@ class ObjectPanel:
         changed, label = imgui.input_text("label", instance.label)
         hint("A semantic class, such as chair, for annotations of pictures.")
         self._edit(instance, "label", (changed, label))
+        # Materials are shared: an edit shows on all instances that have this one.
         users = users_of(self._session.scene, instance)
         imgui.separator_text(f"material: {instance.material.name or 'unnamed'}")
         if users > 1:
@@ -170,6 +171,7 @@ def users_of(scene: Scene, instance: Instance) -> int:
 def _optional_number(label: str, value: float | None, default: float) -> tuple[bool, float | None]:
     """A number that can be switched off. default: what it is when it is switched on."""
     switched, on = imgui.checkbox(f"##{label}", value is not None)
+    # ## makes a label that isn't shown: the checkbox stands before the number's own.
     imgui.same_line()
     edited, number = drag(label, default if value is None else value, 1e-4, 1e9)
     return bool(switched or (edited and on)), number if on else None

@@ -42,6 +42,7 @@ def progress_in_words(session: Session) -> str:
     count = f"{refinement.count:.4g} {unit}"
     if refinement.finished:
         return f"{count}, finished"
+    # A path-traced picture without a limit has no share that is done.
     left = refinement.seconds_left
     of = f", {100 * refinement.done:.0f} %" if refinement.samples or pictures.mode == "realtime" else ""
     return count + of + (f", {in_words(left)} left" if left is not None else "")
@@ -61,6 +62,7 @@ class Probe:
         session = self._session
         now = time.perf_counter()
         area, refinement = session.layout.picture, session.refinement
+        # While the picture moves it is another one in each frame; at rest it changes with its count.
         seen = session.cursor, refinement.count if refinement.rests else now
         if seen == self._seen or now - self._looked_at < PROBE_INTERVAL:
             return
