@@ -12,14 +12,13 @@ from solari_vk.base.errors import SolariError, quoted
 from solari_vk.scene import checks
 from solari_vk.scene.bounds import bounds_of
 from solari_vk.scene.lens import Lens, make_lens
+from solari_vk.scene.matrices import is_rotation, transform_points
 from solari_vk.scene.matrices import rotation as rotation_about
-from solari_vk.scene.matrices import transform_points
 
 Floats = NDArray[np.float64]
 FROM_OPENCV = np.diag((1.0, -1.0, -1.0))  # of axes: cameras here have y up and look along -z
 LENS_FIELDS = ("projection", "pixel_aspect", "principal_point", "distortion", "image_circle", "eye_offset")
 """The fields of a camera that say which lens it has."""
-ROTATION_TOLERANCE = 1e-3
 
 
 def lens_of(camera: Any, size: tuple[int, int]) -> Lens:
@@ -78,8 +77,7 @@ def _opencv_rotation(R: ArrayLike) -> Floats:
         vector = _matrix(np.ravel(R), "R", 3)
         return rotation_about(vector, float(np.linalg.norm(vector))) if vector.any() else np.eye(3)
     rotation = _matrix(R, "R", 3, 3)
-    error = np.abs(rotation @ rotation.T - np.eye(3)).max()
-    if not error < ROTATION_TOLERANCE or np.linalg.det(rotation) < 0:
+    if not is_rotation(rotation):
         raise SolariError(
             "Camera.from_opencv: R is a rotation from the world to the camera. The rows of this one "
             f"aren't perpendicular and of length 1, or it mirrors: {rotation.tolist()}"

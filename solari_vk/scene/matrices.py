@@ -10,6 +10,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from solari_vk.base.errors import SolariError, quoted
 
+_ROTATION_ERROR = 1e-3
+
 
 def unit(vectors: ArrayLike) -> NDArray[np.float64]:
     """Vectors (..., N) with their lengths made 1. Zero vectors, and those with an infinity or a NaN, become zero."""
@@ -92,6 +94,12 @@ def upright(world: NDArray[Any]) -> NDArray[np.float64] | None:
     result[:3, :3] = np.stack([right, np.cross(back, right), back], axis=1)
     result[:3, 3] = world[:3, 3]
     return result if np.isfinite(result).all() else None
+
+
+def is_rotation(matrix: NDArray[Any]) -> bool:
+    """Whether a matrix (3, 3) neither scales, shears nor mirrors, up to the rounding of files and of 32 bits."""
+    error = np.abs(matrix @ matrix.T - np.eye(3)).max()
+    return bool(error <= _ROTATION_ERROR and np.linalg.det(matrix) > 0)
 
 
 def nearest_rotation(matrix: NDArray[Any]) -> NDArray[np.float64]:

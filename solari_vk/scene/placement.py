@@ -10,10 +10,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from solari_vk.base.errors import SolariError, quoted
 from solari_vk.scene import checks
-from solari_vk.scene.matrices import nearest_rotation, quaternion_rotation, rotation, unit
+from solari_vk.scene.matrices import is_rotation, nearest_rotation, quaternion_rotation, rotation, unit
 
 PARTS = ("position", "rotation", "scale")
-_ROTATION_ERROR = 1e-3
 
 
 def rotation_matrix(value: Any) -> NDArray[np.float64]:
@@ -24,9 +23,7 @@ def rotation_matrix(value: Any) -> NDArray[np.float64]:
         return rotation((0, 1, 0), float(given))
     if given.shape == (4,) and given.any():
         return np.array(quaternion_rotation(*unit(given)))
-    # A tolerance for matrices of 32 bits, and those from files.
-    is_rotation = given.shape == (3, 3) and np.abs(given @ given.T - np.eye(3)).max() <= _ROTATION_ERROR
-    if not is_rotation or not np.linalg.det(given) > 0:
+    if given.shape != (3, 3) or not is_rotation(given):
         raise ValueError(
             "must be a quaternion (x, y, z, w), such as solari_vk.euler(0, 90, 0) gives for three angles "
             "in degrees, a rotation matrix (3, 3), which neither scales nor mirrors, or an angle in "

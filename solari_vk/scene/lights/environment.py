@@ -13,11 +13,10 @@ from solari_vk.base.color import LUMINANCE_WEIGHTS
 from solari_vk.scene import checks
 from solari_vk.scene.checks import FloatArray
 from solari_vk.scene.lights.light import Light
-from solari_vk.scene.matrices import rotation
+from solari_vk.scene.matrices import is_rotation, rotation
 from solari_vk.scene.observable import checked
 
 MOST_TEXELS = 2**23  # 4096 x 2048; larger pictures are averaged down
-_ROTATION_ERROR = 1e-3
 
 
 class EnvironmentLight(Light):
@@ -114,7 +113,7 @@ def _rotation(value: ArrayLike) -> FloatArray:
         checks.refuse_not_finite(given[None])
         given = rotation((0, 1, 0), float(given))
     matrix: FloatArray = checks.array(3, 3)(given)
-    if np.abs(given @ given.T - np.eye(3)).max() > _ROTATION_ERROR or not np.linalg.det(given) > 0:
+    if not is_rotation(given):
         raise ValueError("must be an angle in radians, or a rotation matrix (3, 3), which neither scales nor mirrors")
     return matrix
 
