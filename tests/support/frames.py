@@ -11,7 +11,7 @@ import resource
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any
 from unittest import mock
 
 import numpy as np
@@ -340,6 +340,9 @@ def direct_renderer(device, scene, size, **settings):
     return make_renderer(device, scene, size, passes=DIRECT, **(QUICK | settings))
 
 
+# ---- paths against the path tracer ----
+
+
 ONE = Rule("with one light sample a vertex and no cache, paths have the path tracer's mean")
 ONE_TILES = Rule("with one light sample a vertex and no cache, no tile differs from the path tracer's")
 SEVERAL = Rule("resampling among several light samples leaves the mean as it is")
@@ -408,36 +411,23 @@ def unlit_pixels(device, scene):
     return dark | ~dark.any()
 
 
-class Profile(NamedTuple):
-    """The effort without and with the cache, and the bars of the mean without the cache, and with it."""
+def measure_paths(device, scene, samples, runs):
+    """Paths against the path tracer's picture of so many samples.
 
-    plain: Effort
-    cached: Effort
-    bars: tuple[float, float]
-
-
-PATHS_PROFILE = Profile(Effort(16, 0, 128, 8192), Effort(16, 24, 64), (0.01, 0.02))
-
-
-def measure_means(device, profile, scene=None, kinds=tuple(PATHS_RUNS)):
-    """Paths against the path tracer, for metals that show a lamp, a sun, gloss and mirrors, or for `scene`.
-
-    kinds: which of PATHS_RUNS are measured.
+    runs: kinds of PATHS_RUNS, each with its effort and the bar of the mean, "cached" also with the bar of its tiles.
     """
-    scene = scene or metal_gallery()
     measured = unlit_pixels(device, scene)
-    expected = trace_centers(device, scene, profile.plain.samples) * measured
-    for kind in kinds:
+    expected = trace_centers(device, scene, samples) * measured
+    for kind, (effort, bar, *tile_bar) in runs.items():
         mean, tiles, settings = PATHS_RUNS[kind]
-        effort = profile.cached if kind == "cached" else profile.plain
         found = observe_paths(device, scene, effort, **settings) * measured
-        yield measure_mean(mean, found, expected, profile.bars[kind == "cached"], effort)
+        yield measure_mean(mean, found, expected, bar, effort)
         if kind == "cached":
             # Over the mean of all tiles, since the cache is slightly biased.
-            ours, theirs = (tile_means_4x4(runs).mean(axis=(0, -1)) for runs in (found, expected))
+            ours, theirs = (tile_means_4x4(pictures).mean(axis=(0, -1)) for pictures in (found, expected))
             errors = np.abs(ours - theirs) / theirs.mean()
             note = f"tiles {np.round(100 * errors, 1).tolist()} %"
-            yield Measurement(tiles, float(errors.max()), 0.1, f"of the picture's mean, {effort}", note)
+            yield Measurement(tiles, float(errors.max()), *tile_bar, f"of the picture's mean, {effort}", note)
         else:
             yield measure_tiles_t(tiles, found, expected)
 

@@ -7,7 +7,7 @@ import itertools
 
 import numpy as np
 import pytest
-from support.frames import ALL_LOBES, Effort, Profile, direction_at, material_records, measure_means, run_brdf
+from support.frames import ALL_LOBES, Effort, direction_at, material_records, measure_paths, run_brdf
 from support.seeded_bugs import Bug, bug_tests, require, with_shaders
 from support.statistics import chi_squared_p, sidak
 
@@ -271,8 +271,9 @@ def leaves():
 
 @pytest.mark.slow
 def test_frames_have_the_path_tracers_mean(device):
-    profile = Profile(Effort(16, 0, 64, 8192), Effort(16, 24, 64), (0.01, 0.02))
-    require(measure_means(device, profile, leaves()))
+    plain = Effort(16, 0, 64), 0.01
+    cached = Effort(16, 24, 64), 0.02, 0.1
+    require(measure_paths(device, leaves(), 8192, {"one": plain, "several": plain, "cached": cached}))
 
 
 GLASS, COAT, SHEEN, TRANSMISSION = (

@@ -7,7 +7,7 @@ import functools
 
 import numpy as np
 import pytest
-from support.frames import Effort, Profile, measure_means, path_traced_runs
+from support.frames import Effort, measure_paths, path_traced_runs
 from support.seeded_bugs import Bug, bug_tests, require
 
 import solari_vk as sv
@@ -152,5 +152,5 @@ def balls(*materials):
 @pytest.mark.slow
 @pytest.mark.parametrize("name", BALLS)
 def test_frames_have_the_path_tracers_mean(device, name):
-    profile = Profile(Effort(16, 0, 64, 8192), Effort(), (0.01, 0.0))
-    require(measure_means(device, profile, balls(*BALLS[name]), kinds=("one", "several")))
+    run = Effort(16, 0, 64), 0.01
+    require(measure_paths(device, balls(*BALLS[name]), 8192, {"one": run, "several": run}))

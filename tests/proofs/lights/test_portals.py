@@ -13,11 +13,10 @@ from support.frames import (
     PATHS,
     PLAIN_PATHS,
     Effort,
-    Profile,
     each_lighting,
     frames_in_history,
     make_renderer,
-    measure_means,
+    measure_paths,
     observe_runs,
     path_traced,
     path_traced_runs,
@@ -203,10 +202,9 @@ def _expected(device):
     return path_traced(device, room(), EFFORT.samples).mean(axis=(0, 1))
 
 
-def measure_paths(device):
+def measure_room_paths(device):
     """Paths without the world cache, with several light samples each, tile by tile."""
-    profile = Profile(Effort(8, 0, 128, 2048), Effort(), (0.02, 0.0))
-    yield from measure_means(device, profile, room(IN_ROOM, glass=False), kinds=("several",))
+    yield from measure_paths(device, room(IN_ROOM, glass=False), 2048, {"several": (Effort(8, 0, 128), 0.02)})
 
 
 def measure_frames(device, **settings):
@@ -239,7 +237,7 @@ def _floor(device):
             lambda device: measure_open_floor(device, "nee"), id="floor by light samples", marks=pytest.mark.slow
         ),
         pytest.param(measure_room, id="room", marks=pytest.mark.slow),
-        pytest.param(measure_paths, id="paths", marks=pytest.mark.slow),
+        pytest.param(measure_room_paths, id="paths", marks=pytest.mark.slow),
     ],
 )
 def test_rules_hold(device, measure):
@@ -366,7 +364,7 @@ test_a_seeded_bug_is_noticed = bug_tests(
         "rays count as if no portal were sampled": (_exact, Bug(SAMPLING, "portal_choice_ratio", "return 1e-6;")),
         "less light through portals": (_floor, _DARKER),
         "rooms": (measure_room, _DARKER),
-        "paths": (measure_paths, _BRIGHTER),
+        "paths": (measure_room_paths, _BRIGHTER),
         MEANS: (measure_frames, _DARKER),
         GAIN: (measure_gain, _BRIGHTER),
         FRAMES_GAIN: (measure_frames_gain, _BRIGHTER),

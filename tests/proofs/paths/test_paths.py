@@ -14,13 +14,12 @@ from support.frames import (
     ONE_TILES,
     PATHS,
     PATHS_DEFAULT,
-    PATHS_PROFILE,
     PLAIN_PATHS,
     SEVERAL_TILES,
     Effort,
-    Profile,
     make_renderer,
-    measure_means,
+    measure_paths,
+    metal_gallery,
     observe_runs,
     path_traced,
     read_radiance,
@@ -81,7 +80,9 @@ def test_sun_over_a_floor(device, diameter):
 
 @pytest.mark.slow
 def test_metals_have_the_path_tracers_means(device):
-    require(measure_means(device, PATHS_PROFILE))
+    plain = Effort(16, 0, 128), 0.01
+    cached = Effort(16, 24, 64), 0.02, 0.1
+    require(measure_paths(device, metal_gallery(), 8192, {"one": plain, "several": plain, "cached": cached}))
 
 
 # The frames of each of 16 runs, and the bar of the mean: about twice the interval. Small lights among many boxes are
@@ -95,15 +96,17 @@ CHANGED = {"many_lights": {"sphere_count": 49, "box_count": 300}, "rooms": {"col
 def test_without_the_cache_paths_are_the_path_tracers(device, name):
     """P-REPL: with one light sample a vertex, and with several."""
     frames, bar = EFFORTS.get(name, (64, 0.01))
-    profile = Profile(Effort(16, 0, frames, 8192), Effort(), (bar, 0.0))
     scene = sv.builtin(name, **CHANGED.get(name, {}))
-    require(measure_means(device, profile, scene, kinds=("one", "several")))
+    run = Effort(16, 0, frames), bar
+    require(measure_paths(device, scene, 8192, {"one": run, "several": run}))
 
 
 @pytest.mark.slow
 def test_lamp_under_a_ceiling(device):
-    profile = Profile(Effort(16, 0, 64, 8192), Effort(16, 24, 64), (0.01, 0.02))
-    require(measure_means(device, profile, sv.builtin("lamp_gap", gap=0.01)))
+    scene = sv.builtin("lamp_gap", gap=0.01)
+    plain = Effort(16, 0, 64), 0.01
+    cached = Effort(16, 24, 64), 0.02, 0.1
+    require(measure_paths(device, scene, 8192, {"one": plain, "several": plain, "cached": cached}))
 
 
 # ---- frames -----------------------------------------------------------------------------------------
@@ -204,12 +207,13 @@ def test_cells_over_a_shiny_floor(device):
 
 # ---- each rule can fail -----------------------------------------------------------------------------
 
-BRIEF = Profile(Effort(16, 0, 16, 1024), Effort(16, 16, 12), (0.03, 0.03))
+PLAIN = Effort(16, 0, 16), 0.03
+BRIEF = {"one": PLAIN, "several": PLAIN, "cached": (Effort(16, 16, 12), 0.03, 0.1)}
 
 
 def brief(kind, device):
     """With less effort than the rules take: the bugs are larger than the bars."""
-    return measure_means(device, BRIEF, kinds=[kind])
+    return measure_paths(device, metal_gallery(), 1024, {kind: BRIEF[kind]})
 
 
 @pytest.mark.parametrize("kind", ["one", *(pytest.param(k, marks=pytest.mark.slow) for k in ("several", "cached"))])
