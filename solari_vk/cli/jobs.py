@@ -184,11 +184,8 @@ class RenderOptions(SharedPicture):
         type=Path,
         required=True,
     )
-    transparent: bool = option(
-        "leave out the background, and a studio's floor: %(listing)s with alpha",
-        listing="output.picture:WITH_ALPHA",
-        action="store_true",
-        default=False,
+    transparent: bool = flag(
+        "leave out the background, and a studio's floor: %(listing)s with alpha", listing="output.picture:WITH_ALPHA"
     )
     open: bool = flag("show what was written in the desktop's program for it")
     show: bool = flag(

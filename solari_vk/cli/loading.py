@@ -58,15 +58,12 @@ def load_scene(
     """
     movie = job if isinstance(job, MovieJob) else None
     scene = _read_scene(job)
-    played = _find_clip(scene, job.source, clip, time, plays=movie is not None and movie.animate == "file")
-    # Posed before the cameras are found, which frame what they see.
-    still = None
-    if time is not None and played is not None:
-        played.apply(scene, time, loop=False)
-        still, played = played, None
+    chosen = _find_clip(scene, job.source, clip, time, plays=movie is not None and movie.animate == "file")
+    # The pose comes before the cameras, which frame what is in the picture.
+    played, still = _pose(scene, chosen, time)
     path = _orbit_of(job)
     front = _front_camera(scene, job, played, _Orbit(None) if seen_all_round else path)
-    # A camera of the user frames nothing: it is where it is.
+    # The one in front frames the scene; one that --camera names stays where it is.
     camera = front if job.camera is None else _find_camera(scene, job.camera)
     # Before lights are added: they widen the scene's bounds, around whose center an orbit goes.
     cameras = [camera] if movie is None else _animated_cameras(movie, scene, camera, played, path)
@@ -173,6 +170,14 @@ def _find_clip(scene: Scene, source: str, name: str | None, time: float | None, 
     text = name or "0"
     # A clip may have a number for its name.
     return scene.animations[text if text in scene.animations else _name_or_index(text)]
+
+
+def _pose(scene: Scene, clip: Animation | None, time: float | None) -> tuple[Animation | None, Animation | None]:
+    """Pose a scene as it is at a time in a clip, if there is one. Returns the clip that plays, and that of a pose."""
+    if clip is None or time is None:
+        return clip, None
+    clip.apply(scene, time, loop=False)
+    return None, clip
 
 
 def _option_with_clip(name: str | None, time: float | None, plays: bool) -> str:

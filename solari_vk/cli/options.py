@@ -34,9 +34,9 @@ def option(
     return field(default=default, metadata={"names": names, "listing": listing, "how": {"help": meaning, **how}})
 
 
-def flag(meaning: str) -> Any:
-    """A field of a job that is true if the option is given."""
-    return option(meaning, default=False, action="store_true")
+def flag(meaning: str, *, listing: str = "") -> Any:
+    """A field of a job that is true if the option is given. listing: as of `option`."""
+    return option(meaning, default=False, action="store_true", listing=listing)
 
 
 def resolve(place: str) -> Any:
