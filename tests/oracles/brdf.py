@@ -59,6 +59,8 @@ def single_scattering(wo, wi, f0, alpha):
 
 def visible_normals(wo, u, v, alpha):
     """Microfacet normals seen from wo (3,), for numbers u and v in [0, 1) (Heitz 2018)."""
+    # Heitz 2018, "Sampling the GGX distribution of visible normals": the view is stretched to a hemisphere, whose
+    # projected disk is sampled, and the normal is stretched back.
     stretched = np.array((alpha * wo[0], alpha * wo[1], wo[2]))
     stretched /= np.linalg.norm(stretched)
     across = np.array((-stretched[1], stretched[0], 0.0))
@@ -92,6 +94,7 @@ def directional_albedo_terms(alpha, cos_o, resolution=256):
     normal = visible_normals(wo, *np.meshgrid(u, v, indexing="ij"), alpha)
     cos_d = normal @ wo
     cos_i = 2 * cos_d * normal[..., 2] - cos_o
+    # Directions below the surface reflect nothing: their energy is what multiple scattering adds again.
     above = cos_i > 0
     safe_i = np.where(above, cos_i, 1)
     value = np.where(above, smith_g2(cos_o, safe_i, alpha) / smith_g1(cos_o, alpha), 0)

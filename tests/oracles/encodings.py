@@ -29,6 +29,7 @@ def pcg_hash(values):
 def pcg4d(values):
     """Hashes (..., 4) of words (..., 4)."""
     v = _words(values) * _words([1664525]) + _words([1013904223])
+    # Two rounds, in which each word takes up the product of two others; a shift mixes high bits into low ones between.
     for last in (False, True):
         for target, a, b in ((0, 1, 3), (1, 2, 0), (2, 0, 1), (3, 1, 2)):
             v[..., target] += v[..., a] * v[..., b]
@@ -41,7 +42,9 @@ def encode_rgb9e5(colors):
     """Codes (...) of colors (..., 3) (EXT_texture_shared_exponent, rounding to the nearest)."""
     clamped = np.clip(np.asarray(colors, np.float64), 0, RGB9E5_MAX)
     largest = clamped.max(axis=-1, keepdims=True)
+    # The exponent of the largest channel, with the bias of 15 and one more, since mantissas have no leading 1.
     exponent = np.maximum(-16, np.floor(np.log2(np.maximum(largest, 1e-30))).astype(int)) + 16
+    # A mantissa that rounds up to 2^9 doesn't fit 9 bits: the next exponent takes it.
     exponent += np.floor(np.ldexp(largest, 24 - exponent) + 0.5) == 512
     mantissas = _words(np.floor(np.ldexp(clamped, 24 - exponent) + 0.5))
     return _words((mantissas << _words((0, 9, 18))).sum(axis=-1) + (exponent[..., 0] << 27))
@@ -64,6 +67,7 @@ def decode_octahedral(codes, bits=16):
     The largest code but one is 1, so that axes are exact.
     """
     mask = (1 << bits) - 1
+    # Codes to [-1, 1]. Where the upper half of the octahedron ends, the lower one is folded over the edges.
     square = np.stack([codes & mask, codes >> bits & mask], axis=-1) / (mask - 1) * 2 - 1
     z = 1 - np.abs(square).sum(axis=-1, keepdims=True)
     folded = np.where(z >= 0, square, (1 - np.abs(square[..., ::-1])) * np.where(square >= 0, 1, -1))

@@ -24,6 +24,7 @@ def polygon_irradiance(points, normals, corners, radiance):
     rays = np.asarray(corners, np.float64)[None] - points[:, None]
     if (np.einsum("nki,ni->nk", rays, normals) < -1e-9).any():
         raise ValueError("the polygon dips below a point's horizon")
+    # Only the directions to the corners matter: the edges become arcs on the unit sphere.
     rays /= np.linalg.norm(rays, axis=-1, keepdims=True)
     following = np.roll(rays, -1, axis=1)
     across = np.cross(rays, following)

@@ -96,6 +96,7 @@ def _mesh(mi, instance, name, lambert, given):
         properties["mesh_emitter"] = mi.load_dict(emission)
     properties["face_normals"] = mesh.normals is None
     triangles = mesh.triangles
+    # Mitsuba takes the front of a triangle from the order of its corners in the world, ours from that in the mesh.
     if np.linalg.det(instance.transform[:3, :3]) < 0:
         triangles = triangles[:, ::-1]
     smooth = mesh.normals is not None

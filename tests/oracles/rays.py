@@ -20,6 +20,7 @@ class World:
             if instance.visible:
                 mesh = instance.ray_mesh or instance.mesh
                 corners = transform_points(instance.transform, mesh.positions.astype(np.float64))[mesh.triangles]
+                # A mirrored instance turns the order of its corners round, which the normals' sign undoes.
                 count, side = len(corners), np.sign(np.linalg.det(instance.transform[:3, :3]))
                 parts.append((corners, np.full(count, index), np.arange(count), np.full(count, side)))
         self.corners, self.instance, self.triangle, sides = map(np.concatenate, zip(*parts, strict=True))
@@ -84,6 +85,7 @@ def over_pixels(camera, size, value, nodes=3):
     """Pixel means (size, size, C) of value(points (N, 3)) on the floor y = 0, by Gauss-Legendre within each pixel."""
     at, weights = np.polynomial.legendre.leggauss(nodes)
     total = np.zeros((size, size, 1))
+    # A product rule of Gauss and Legendre over the pixel. The weights of an axis have the sum 2, hence the 4 below.
     for i, j in np.ndindex(nodes, nodes):
         origins, directions = camera_rays(camera, size, size, (float(at[i] + 1) / 2, float(at[j] + 1) / 2))
         points = origins - (origins[..., 1] / directions[..., 1])[..., None] * directions

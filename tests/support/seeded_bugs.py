@@ -77,6 +77,7 @@ class Bug:
     def apply(self, source):
         """The shader with the bug. Raises ValueError unless exactly one function or constant has the name."""
         name, _, first = self.name.partition("(")
+        # A constant's value may hold calls, whose parentheses nest twice at most.
         value = r"((?:[^,;()]|\((?:[^()]|\([^()]*\))*\))+)"  # up to the next constant of the statement
         constant = rf"\bconst\s+\w+\s[^;]*?\b{name}\s*=\s*{value}[,;]|^[ \t]*#define[ \t]+{name}[ \t]+(.+)$"
         constants = list(re.finditer(constant, source, re.M))
@@ -89,6 +90,7 @@ class Bug:
             return source[:start] + self.text + source[end:]
         head = functions[0]
         end = _end_of_block(source, head.end())
+        # The function as it was stays beside the wrong one under another name, so that the bug can call it.
         inner = f"{name}_without_bug"
         while inner in source:  # another bug of the same function
             inner += "s"
@@ -116,6 +118,7 @@ def seeded(*bugs):
             source = next(root / bug.file for root in roots if (root / bug.file).is_file())
             (folder / bug.file).parent.mkdir(parents=True, exist_ok=True)
             (folder / bug.file).write_text(bug.apply(source.read_text(encoding="utf-8")), encoding="utf-8")
+        # Overlays come before the package's own folder, so that every pipeline made from now on has the bug.
         compiler.overlays.insert(0, folder)
         try:
             yield

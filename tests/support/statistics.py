@@ -27,8 +27,11 @@ def chi_squared_p(observed: ArrayLike, expected: ArrayLike, min_expected: float 
     Counts where nothing is expected give 0.
     """
     counts, means = (np.ravel(np.asarray(values, np.float64)) for values in (observed, expected))
+    # A count where the density is 0 refutes the density, whatever the other cells hold.
     if counts[means <= 0].any():
         return 0.0
+    # Pearson's statistic follows the chi-squared distribution only where a cell expects about 5 counts or more: the
+    # smallest cells are pooled until their sum expects as many.
     order = np.argsort(means)
     counts, means = counts[order], means[order]
     pooled = max(int(np.searchsorted(means, min_expected)), int(np.searchsorted(means.cumsum(), min_expected)) + 1)
@@ -66,6 +69,7 @@ def holm(p_values, alpha):
     values = np.ravel(np.asarray(p_values, np.float64))
     order = np.argsort(values)
     rejected = np.zeros(len(values), bool)
+    # Holm 1979: the smallest p value is tested at alpha / N, the next at alpha / (N - 1), until one isn't rejected.
     for rank, index in enumerate(order):
         if values[index] > alpha / (len(values) - rank):
             break
@@ -83,6 +87,7 @@ def compare_runs(observations, expected, bar):
     runs = np.asarray(observations, np.float64)
     cells = runs.reshape(len(runs), -1)
     truth = np.broadcast_to(np.asarray(expected, np.float64), runs.shape[1:]).ravel()
+    # The runs are independent, so their spread gives the standard error of the mean; t has runs - 1 degrees of freedom.
     error = cells.std(axis=0, ddof=1) / math.sqrt(len(runs))
     t = (cells.mean(axis=0) - truth) / np.maximum(error, 1e-7 * np.abs(truth) + 1e-30)
     mean, half_width = relative_interval(runs, truth)
@@ -195,11 +200,14 @@ def measure_tiles_t(rule, observations, expected):
     """The largest Student's t of 4 x 4 tiles and their channels between runs (R, h, w, 3) and `expected`: a picture, or
     other runs. Chance exceeds the bar once in 1,000 runs at most."""
     ours, theirs = tile_means_4x4(observations), tile_means_4x4(expected)
+    # The standard errors of both sides add up as squares; a picture without runs is taken as exact. The floor of 1e-5
+    # stands for the rounding of float32.
     errors = [stats.sem(runs) for runs in (ours, theirs) if runs.ndim == 4]
     right = theirs.mean(axis=0) if theirs.ndim == 4 else theirs
     t = np.abs(ours.mean(axis=0) - right) / (np.linalg.norm(errors, axis=0) + 1e-5 * right + 1e-30)
     worst = np.unravel_index(t.argmax(), t.shape)
     note = f"row {worst[0]}, column {worst[1]}: {ours.mean(axis=0)[worst] / max(right[worst], 1e-30) - 1:+.2%}"
+    # Two-sided, and shared out over all tiles and channels (Bonferroni).
     bar = float(stats.t.isf(0.5e-3 / t.size, len(ours) - 1))
     return Measurement(rule, float(t.max()), bar, "standard errors", note)
 
