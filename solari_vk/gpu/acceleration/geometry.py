@@ -77,6 +77,7 @@ def geometry_struct(geometry: Geometry) -> raw.CData:
         }
     else:
         kind = raw.VK_GEOMETRY_TYPE_TRIANGLES_KHR
+        # Without indices, each three positions are a triangle.
         index_type = _INDEX_TYPES[np.dtype(geometry.index_dtype)] if geometry.indices else raw.VK_INDEX_TYPE_NONE_KHR
         data = {
             "triangles": raw.struct(
@@ -95,6 +96,7 @@ def geometry_struct(geometry: Geometry) -> raw.CData:
 
 def build_ranges(geometries: Sequence[Geometry]) -> raw.CData:
     """A VkAccelerationStructureBuildRangeInfoKHR for each geometry, with all its primitives."""
+    # The offsets stay 0: addresses point to the first primitive already.
     counts = [{"primitiveCount": geometry.primitive_count} for geometry in geometries]
     return raw.array("VkAccelerationStructureBuildRangeInfoKHR", counts)
 
@@ -102,6 +104,7 @@ def build_ranges(geometries: Sequence[Geometry]) -> raw.CData:
 def refit_keys(geometries: Sequence[Geometry]) -> list[tuple[object, ...]]:
     """What must be equal for a refit: counts and indices, but not addresses, positions or transforms."""
     return [
+        # Of indices in a buffer the hash is 0 in both, so the caller vouches that they are the same.
         (geometry.position_count, geometry.triangle_count, geometry.index_hash)
         if isinstance(geometry, TriangleGeometry)
         else (geometry.count,)
@@ -169,31 +172,41 @@ def check_geometries(device: Device, geometries: Sequence[Geometry], name: str) 
         _check_types(geometry, f"{where}, geometry {i}")
     if not 1 <= len(geometries) <= limits.maxGeometryCount:
         raise SolariError(f"{where}: {len(geometries)} geometries; this device takes 1 to {limits.maxGeometryCount:,}")
+    # Vulkan demands one geometry type in a bottom-level structure.
     if len({type(geometry) for geometry in geometries}) > 1:
         raise SolariError(f"{where}: triangles and boxes can't be in one Blas")
     total = sum(geometry.primitive_count for geometry in geometries)
     if total > limits.maxPrimitiveCount:
         raise SolariError(f"{where}: {total:,} primitives; this device takes {limits.maxPrimitiveCount:,} at most")
     for i, geometry in enumerate(geometries):
-        if geometry.primitive_count < 0:
-            raise SolariError(
-                f"{where}, geometry {i}: the number of primitives must not be negative, like {geometry.primitive_count}"
-            )
-        if isinstance(geometry, AabbGeometry):
-            aligned = {"boxes": (geometry.boxes, 8), "stride": (geometry.stride, 8)}
-        else:
-            size = np.dtype(geometry.index_dtype).itemsize
-            aligned = {
-                "positions": (geometry.positions, 4),
-                "position_stride": (geometry.position_stride, 4),
-                "indices": (geometry.indices, size),
-                "transform": (geometry.transform, 16),
-            }
-            if not geometry.indices and geometry.position_count < 3 * geometry.triangle_count:
-                raise SolariError(
-                    f"{where}, geometry {i}: {geometry.triangle_count:,} triangles without indices "
-                    f"need {3 * geometry.triangle_count:,} positions, not {geometry.position_count:,}"
-                )
-        for field, (value, alignment) in aligned.items():
-            if value < 0 or value % alignment:
-                raise SolariError(f"{where}, geometry {i}: {field} is {value:#x}, not a multiple of {alignment}")
+        _check_counts(geometry, f"{where}, geometry {i}")
+        _check_alignments(geometry, f"{where}, geometry {i}")
+
+
+def _check_counts(geometry: Geometry, where: str) -> None:
+    if geometry.primitive_count < 0:
+        raise SolariError(f"{where}: the number of primitives must not be negative, like {geometry.primitive_count}")
+    if isinstance(geometry, AabbGeometry) or geometry.indices:
+        return  # indices are the caller's promise: only those of arrays are known to the host
+    if geometry.position_count < 3 * geometry.triangle_count:
+        raise SolariError(
+            f"{where}: {geometry.triangle_count:,} triangles without indices "
+            f"need {3 * geometry.triangle_count:,} positions, not {geometry.position_count:,}"
+        )
+
+
+def _check_alignments(geometry: Geometry, where: str) -> None:
+    # The alignments of VkAccelerationStructureGeometry*DataKHR: of boxes 8, of floats 4, of a VkTransformMatrixKHR 16,
+    # of indices their own size.
+    if isinstance(geometry, AabbGeometry):
+        aligned = {"boxes": (geometry.boxes, 8), "stride": (geometry.stride, 8)}
+    else:
+        aligned = {
+            "positions": (geometry.positions, 4),
+            "position_stride": (geometry.position_stride, 4),
+            "indices": (geometry.indices, np.dtype(geometry.index_dtype).itemsize),
+            "transform": (geometry.transform, 16),
+        }
+    for field, (value, alignment) in aligned.items():
+        if value < 0 or value % alignment:
+            raise SolariError(f"{where}: {field} is {value:#x}, not a multiple of {alignment}")

@@ -47,6 +47,7 @@ class BufferSlice:
         if self.count < 0 or self.offset < 0 or stride < size:
             layout = f"count {self.count}, offset {self.offset}, stride {stride} of {size}-byte records"
             raise SolariError(f"{what} in buffer {name}: {layout}")
+        # The last record has no gap behind it.
         end = self.offset + (self.count - 1) * stride + size if self.count else self.offset
         if end > self.buffer.size:
             raise SolariError(f"{what}: ends at byte {end:,} of buffer {name}, which has {self.buffer.size:,}")
@@ -186,6 +187,7 @@ class Aabbs:
         if not isinstance(self.boxes, BufferSlice):
             given = numbers(self.boxes, "boxes")
             boxes = _floats("boxes", given.reshape(-1, 6) if given.size % 6 == 0 else given, (-1, 6))
+            # Vulkan demands that no minimum lies beyond its maximum.
             inverted = (boxes[:, :3] > boxes[:, 3:]).any(axis=1)
             if inverted.any():
                 raise SolariError(f"boxes: number {int(inverted.argmax())} has a minimum beyond its maximum")
@@ -255,6 +257,7 @@ def _floats(what: str, given: Any, shape: tuple[int, ...]) -> NDArray[np.float32
 
 
 def _indices(given: Any, positions: Any) -> NDArray[Any]:
+    # A copy, as of positions: what was checked must not change before the upload.
     array = np.array(numbers(given, "indices"), order="C")
     if array.dtype not in (np.uint16, np.uint32):
         if array.dtype.kind not in "iu" or (array.size and (array.min() < 0 or array.max() >= 2**32)):
@@ -263,6 +266,7 @@ def _indices(given: Any, positions: Any) -> NDArray[Any]:
     if array.ndim != 2 or array.shape[1] != 3:
         raise SolariError(f"indices: the shape is {array.shape}, not (N, 3)")
     count = _count(positions)
+    # An index beyond the positions would read other memory, or lose the device.
     if array.size and int(array.max()) >= count:
         raise SolariError(f"indices: {int(array.max())} is out of range: there are {count} positions")
     array.setflags(write=False)

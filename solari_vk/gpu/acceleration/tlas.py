@@ -84,12 +84,14 @@ class Tlas(Structure):
             raise SolariError(
                 f"build of Tlas {self.name}: {count:,} instances, but it was made for {self.max_instances:,}"
             )
+        # Vulkan demands equal counts of a refit; transforms and references may change.
         if update:
             self.check_update()
             if count != self.instance_count:
                 raise SolariError(
                     f"refit of Tlas {self.name}: {count:,} instances, but it was built with {self.instance_count:,}"
                 )
+        # Vulkan's alignment of arrays of instances.
         if count and (instances <= 0 or instances % 16):
             raise SolariError(
                 f"build of Tlas {self.name}: the instances' address {instances:#x} is not a multiple of 16"

@@ -59,10 +59,12 @@ class Device(WorkQueue):
         super().__init__(select, _flag("SOLARI_VK_VALIDATION") if validation is None else validation, rays)
         self.on_compile: OnCompile | None = CompileNotes() if on_compile == "stderr" else on_compile
         self.staging = _flag("SOLARI_VK_STAGING") if staging is None else staging
+        # Software drivers compile and run access by addresses much faster; validation can't follow such accesses.
         self.buffers_by_address = self.properties.kind == "cpu" and (
             not self.validation or _flag("SOLARI_VK_ADDRESSES")
         )
         """Whether compute shaders access storage buffers by their addresses (`access_by_address`)."""
+        # Mapped device memory saves a copy; `staging` behaves as a card whose memory the host can't see.
         self.memory = Allocator(self, map_device_memory=not self.staging)
         self.staging_pool = StagingPool(self.memory)
         self._samplers: dict[tuple[Any, ...], Sampler] = {}
@@ -79,6 +81,7 @@ class Device(WorkQueue):
     def sampler(self, **options: Any) -> Sampler:
         """A `Sampler` with these keyword arguments, shared by all callers that ask for the same."""
         key = tuple(sorted(options.items()))
+        # Drivers limit the number of samplers (maxSamplerAllocationCount), and few differ.
         if key not in self._samplers:
             self._samplers[key] = Sampler(self, shared=True, **options)
         return self._samplers[key]
@@ -131,6 +134,7 @@ class Device(WorkQueue):
         if self.closed:
             return
         try:
+            # While the device still works, and before its memory is lent on or freed.
             if self.has_tensor_imports:
                 self.tensor_imports.move_to_host()
             if not self.lost:
@@ -138,6 +142,7 @@ class Device(WorkQueue):
         finally:
             self.collect()
             self.closed = True
+            # Memory that others still see must outlive this call: the last view ends the device.
             self.loans.close(self._end)
 
     def _end(self) -> None:

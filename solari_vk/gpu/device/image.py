@@ -43,7 +43,9 @@ class Image:
         self.device = device = staging.device
         memory = staging.memory
         self._staging = staging
-        self.width, self.height, self.mip_levels = int(width), int(height), int(mip_levels)
+        self.width = int(width)
+        self.height = int(height)
+        self.mip_levels = int(mip_levels)
         self.format = format
         self.name = name
         self.usage = usage | _COPIES

@@ -23,8 +23,10 @@ class Mirror:
         self, device: Device, memory: NDArray[np.uint8], name: str, then: Callable[[raw.CData], None] | None = None
     ) -> None:
         self.buffer = device.buffer(memory.nbytes, name)
-        self._device, self._memory, self._then = device, memory, then
-        self._ways: list[tuple[Buffer, Recorded]] = []  # each a copy that is in flight while others are prepared
+        self._device = device
+        self._memory = memory
+        self._then = then
+        self._copies: list[tuple[Buffer, Recorded]] = []  # each a copy that is in flight while others are prepared
         self._free: list[tuple[memoryview, raw.CData]] = []  # what the device no longer uses, with its commands
 
     def upload(self) -> None:
@@ -32,16 +34,17 @@ class Mirror:
         that is closed."""
         self._device.check_open()
         # A staging buffer that no pending copy reads; with two frames in flight there are soon enough of them.
-        way = self._free.pop() if self._free else self._make_way()
+        free = self._free.pop() if self._free else self._make_copy()
+        staging, commands = free
         try:
-            way[0][:] = self._memory.data
-            self._device.submit_with_next(way[1])
+            staging[:] = self._memory.data
+            self._device.submit_with_next(commands)
         except BaseException:
-            self._free.append(way)
+            self._free.append(free)
             raise
-        self._device.retire(partial(self._free.append, way))
+        self._device.retire(partial(self._free.append, free))
 
-    def _make_way(self) -> tuple[memoryview, raw.CData]:
+    def _make_copy(self) -> tuple[memoryview, raw.CData]:
         vk, size = self._device.vk, self._memory.nbytes
 
         def record(commands: raw.CData) -> None:
@@ -54,12 +57,12 @@ class Mirror:
         with self._device.undone_on_error():
             staging = self._device.buffer(size, f"staging of {self.buffer.name}", host=True)
             recorded = Recorded(self._device, record, f"upload of {self.buffer.name}")
-        self._ways.append((staging, recorded))
+        self._copies.append((staging, recorded))
         return staging.view(np.uint8).data, recorded.commands
 
     def destroy(self) -> None:
         """Free everything when the work submitted so far is done. Safe to call twice."""
-        for way in self._ways:
-            for owned in way:
-                owned.destroy()
+        for staging, recorded in self._copies:
+            staging.destroy()
+            recorded.destroy()
         self.buffer.destroy()

@@ -248,6 +248,7 @@ def feature_chain(features: dict[str, tuple[str, ...]]) -> tuple[raw.CData, dict
     """VkPhysicalDeviceFeatures2 with the named features set, and the structures of its chain by their keys."""
     parts: dict[str, raw.CData] = {}
     last = None
+    # From the end of the chain: each structure points to the one behind it.
     for group in reversed([key for key in _STRUCTURES if key != "core" and key in features]):
         last = parts[group] = raw.struct(_STRUCTURES[group], pNext=last, **dict.fromkeys(features[group], 1))
     core = dict.fromkeys(features.get("core", ()), 1)
@@ -265,6 +266,7 @@ def choose(devices: list[PhysicalDevice], select: str | int | None, rays: str = 
     found = devices if select is None else _matching(devices, str(select).strip())
     fitting = [device for device in found if not device.lacks(rays)]
     order = ["discrete gpu", "integrated gpu", "virtual gpu"]
+    # Discrete cards first; the sort is stable, so of equal kinds the driver's first one.
     fitting.sort(key=lambda device: order.index(device.properties.kind) if device.properties.kind in order else 9)
     if fitting:
         return fitting[0]

@@ -215,6 +215,7 @@ class Uploads:
                 table = np.array(regions, np.uint64)  # the layout of VkBufferCopy: source offset, target offset, size
                 pointer = raw.ffi.cast("VkBufferCopy*", raw.ffi.from_buffer(table))
                 vk.vkCmdCopyBuffer(cmd, chunk.handle, buffer.handle, len(regions), pointer)
+        # Whole images are replaced, so what they held may be discarded: UNDEFINED as the old layout allows that.
         for chunk, image, levels in self._images:
             if image.handle is None:
                 continue

@@ -27,8 +27,10 @@ CPU_QUOTA = Path("/sys/fs/cgroup/cpu.max")  # "QUOTA PERIOD" in microseconds, or
 
 def device_count() -> int:
     """How many devices compile: for each core that the driver may use, as LP_NUM_THREADS says to lavapipe too."""
+    # Without Mesa's cache on disk, what one device compiles the other never finds.
     if os.environ.get("MESA_SHADER_CACHE_DISABLE", "0").lower() in ("1", "true", "yes", "y"):
         return 1
+    # Lavapipe itself obeys this variable, so a user who limits its threads limits these too.
     given = os.environ.get("LP_NUM_THREADS", "")
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     cores = min(cores, _cores_of_group())
@@ -93,6 +95,7 @@ def compiling_ahead(
         if done is not None:
             done.wait()
 
+    # Only where pipelines are compiled at their first run does running them elsewhere help.
     helps = device.buffers_by_address and len(pipelines) > 1
     threads = [threading.Thread(target=work) for _ in range(device_count() - 1 if helps else 0)]
     for thread in threads:

@@ -93,7 +93,8 @@ class Frame(InParts):
             undo.callback(lambda: self._builder.destroy(self._program))
             self._pool = CommandPool(device, "frame")
             self._slots = [Slot(device, index, self._pool) for index in range(SIDES)]
-            self._latest, self._gathered_slots = self._slots[0], SIDES
+            self._latest = self._slots[0]
+            self._gathered_slots = SIDES
             # A barrier alone, submitted ahead of command buffers that bring none of their own.
             self._order = Recorded(device, lambda cmd: device.vk.vkCmdPipelineBarrier2(cmd, full_barrier()), "order")
             self.rebuild()
@@ -130,7 +131,10 @@ class Frame(InParts):
         self._barriers = plan_barriers(accesses, self._barrier_every_pass)
         self._accesses = accesses
         self._resources.destroy_all_but(resources)
-        self.stages, self._external, self._resources, self.features = stages, external, resources, features
+        self.stages = stages
+        self._external = external
+        self._resources = resources
+        self.features = features
         self._note_structures()
         kinds = program.interface.bindings.values()
         blocks = {binding.name: binding.dtype for binding in kinds if binding.kind == "uniform_buffer"}
@@ -189,7 +193,8 @@ class Frame(InParts):
             self._submit_slot(slot, before)
         finally:
             slot.value = self.device.submitted  # also after a submission that raised ValidationError
-        self.frame_count, self._latest = self.frame_count + 1, slot
+        self.frame_count += 1
+        self._latest = slot
         return slot.value
 
     def _note_structures(self) -> None:

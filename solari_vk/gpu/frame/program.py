@@ -127,6 +127,7 @@ def _check_indirect(step: BuiltStep, item: Pass, buffer: Any) -> None:
 
 def _named(items: Sequence[Pass | Draw | Step]) -> dict[str, Pass | Draw | Step]:
     """The items by unique names: those that occur several times are numbered."""
+    # Passes that run twice have the same shader; timers and messages tell them apart by number.
     total, seen = Counter(item.name for item in items), Counter[str]()
     named = {}
     for item in items:
@@ -151,6 +152,7 @@ class ProgramBuilder:
         items = [item for stage in stages for item in stage.passes]
         if not items:
             raise SolariError("a frame needs at least one pass")
+        # Modules, interface, pipelines, steps: each needs the one before, and each reuses what is unchanged.
         modules = Modules(self._device, self._root, old.modules if old else {}, features)
         shaders = modules.add(items)
         merged = merge_bindings(modules.values())
@@ -174,6 +176,7 @@ class ProgramBuilder:
                     BuiltStep(name, item) if isinstance(item, Step) else self._step(item, wanted[name], made[name][1])
                 )
         except BaseException:
+            # The frame goes on with the old program, so only what is new goes.
             self.discard(program, old)
             raise
         return program

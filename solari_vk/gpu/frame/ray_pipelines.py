@@ -32,6 +32,7 @@ class RayGroups:
 
 def ray_create_info(stages: Sequence[raw.CData], groups: RayGroups, layout: raw.CData) -> raw.CData:
     """VkRayTracingPipelineCreateInfoKHR. Only the ray generation shader traces."""
+    # Groups are numbered in this order: ray generation, misses, hits; records of the table follow it.
     infos = [_group(raw.VK_RAY_TRACING_SHADER_GROUP_TYPE_GENERAL_KHR, general=i) for i in (0, *groups.misses)]
     for closest, any_hit, intersection in groups.hits:
         kind = (

@@ -130,10 +130,9 @@ def _declared(stages: Sequence[Stage], interface: Interface) -> Iterator[tuple[S
     """The stage, name and size of each resource that is declared, but for those `IfUsed` that no shader has."""
     for stage in stages:
         for name, size in (*stage.buffers.items(), *stage.images.items()):
-            if not isinstance(size, IfUsed):
-                yield stage, name, size
-            elif name in interface.bindings:
-                yield stage, name, size.size
+            if isinstance(size, IfUsed) and name not in interface.bindings:
+                continue
+            yield stage, name, size.size if isinstance(size, IfUsed) else size
 
 
 def _attachments(stages: Sequence[Stage]) -> dict[str, str]:

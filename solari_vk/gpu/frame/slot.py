@@ -20,6 +20,7 @@ from solari_vk.gpu.frame.hazards import Barrier
 from solari_vk.gpu.frame.pipelines import Pipeline
 from solari_vk.gpu.frame.program import GROUP_COUNT_BYTES, BuiltStep, Program
 from solari_vk.gpu.frame.raster import record_draw
+from solari_vk.gpu.frame.ray_pipelines import ShaderBindingTable
 from solari_vk.gpu.frame.stages import Draw, Pass
 from solari_vk.gpu.frame.uniforms import Uniforms
 
@@ -234,11 +235,8 @@ class Slot:
         vk, commands = self._device.vk, self.commands
         table = step.pipeline.table if step.pipeline else None
         arguments = self._bound[item.indirect] if item.indirect is not None else None
-        if table is not None and arguments is not None:
-            address = arguments.address + item.indirect_offset + GROUP_COUNT_BYTES
-            vk.vkCmdTraceRaysIndirectKHR(commands, *table.regions, address)
-        elif table is not None:
-            vk.vkCmdTraceRaysKHR(commands, *table.regions, *step.counts)
+        if table is not None:
+            self._launch(step, item, table, arguments)
         elif arguments is not None:
             vk.vkCmdDispatchIndirect(commands, arguments.handle, item.indirect_offset)
         elif band is not None:
@@ -246,6 +244,16 @@ class Slot:
             vk.vkCmdDispatchBase(commands, 0, band.start, 0, columns, len(band), layers)
         else:
             vk.vkCmdDispatch(commands, *step.counts)
+
+    def _launch(self, step: BuiltStep, item: Pass, table: ShaderBindingTable, arguments: Any) -> None:
+        """Record the launch of a ray pipeline."""
+        vk, commands = self._device.vk, self.commands
+        if arguments is None:
+            vk.vkCmdTraceRaysKHR(commands, *table.regions, *step.counts)
+            return
+        # Threads, not workgroups: the second triple of the buffer.
+        address = arguments.address + item.indirect_offset + GROUP_COUNT_BYTES
+        vk.vkCmdTraceRaysIndirectKHR(commands, *table.regions, address)
 
     # ---- timestamps
 

@@ -42,7 +42,9 @@ class Modules(dict[ModuleKey, Module]):
         self._device = device
         self._hit = _ALPHA_HIT if _ALPHA in (features or ()) else _HIT
         self._features = features is None or not COMMON_FEATURES.issuperset(features)
-        self._ray_pipelines, self._sources, self._old = device.rays == "pipeline", Sources(roots(root)), old
+        self._ray_pipelines = device.rays == "pipeline"
+        self._sources = Sources(roots(root))
+        self._old = old
 
     def add(self, items: Sequence[Pass | Draw | Step]) -> list[StepShaders]:
         """Compile the shaders of steps. Raises CompilationError, or SolariError for one that the device can't run."""

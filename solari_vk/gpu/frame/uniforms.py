@@ -76,6 +76,7 @@ class Uniforms:
         for name, values in self._fields.items():
             if name in before and before[name].dtype == values.dtype and before[name].shape == values.shape:
                 values[:] = before[name]
+        # The memory is another one now, and writers hold a view of the old one.
         for writer in self._writers:
             self._renew(writer)
         self.version += 1

@@ -101,13 +101,16 @@ def _stored(blocks: list[Block], known: Values) -> Values:
         op = spv.opcode(words)
         if op == spv.OP_VARIABLE and len(words) == 4:  # without an initial value
             values[words[2]] = set()
-        elif op == spv.OP_STORE and words[1] in values:
+            continue
+        if op == spv.OP_STORE and words[1] in values:
             values[words[1]].add(known.get(words[2]))
-        elif op != spv.OP_LOAD:
-            # The variable may be written in another way. The word may also be a literal of the same number, which
-            # costs a chance to simplify and nothing else.
-            for word in words[1:]:
-                values.pop(word, None)
+            continue
+        if op == spv.OP_LOAD:
+            continue
+        # The variable may be written in another way. The word may also be a literal of the same number, which costs a
+        # chance to simplify and nothing else.
+        for word in words[1:]:
+            values.pop(word, None)
     constant: dict[int, bool] = {}
     for variable, stored in values.items():
         value = stored.pop() if len(stored) == 1 else None

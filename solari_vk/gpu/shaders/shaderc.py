@@ -111,6 +111,7 @@ def _library_names() -> list[str]:
     if named:
         return [named]
     names = list(_NAMES.get(sys.platform, _NAMES["linux"]))
+    # On Windows the SDK is where the library is, and no search path leads there.
     if "VULKAN_SDK" in os.environ:
         folder = Path(os.environ["VULKAN_SDK"])
         names += [str(folder / part / Path(name).name) for part in ("lib", "Bin") for name in names]
@@ -126,6 +127,7 @@ def version() -> str:
     loaded = library()
     if loaded is not None:
         try:
+            # The loader knows the file of a function, whose size and time change with each update of the library.
             info = _ffi().new("Dl_info*")
             _ffi().dlopen(None).dladdr(_ffi().cast("void*", loaded.shaderc_compiler_initialize), info)
             return _identity(os.fsdecode(_ffi().string(info.file)))

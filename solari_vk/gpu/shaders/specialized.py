@@ -19,6 +19,7 @@ from solari_vk.gpu.shaders.dead_code import without_dead_code
 from solari_vk.gpu.shaders.module import Module
 from solari_vk.gpu.shaders.spv import Words
 
+# Making a smaller module takes milliseconds itself, which few switches don't win back.
 _FEW_SWITCHES = 3
 _BOOLEANS = {True: spv.OP_CONSTANT_TRUE, False: spv.OP_CONSTANT_FALSE}
 # The operations on specialization constants by which shaders combine switches.
@@ -91,6 +92,7 @@ class _Folding:
             holds = _CONDITIONS[operands[2]](*(self._known[operand] for operand in operands[3:]))
             op = _BOOLEANS[bool(holds)]
             operands = operands[:2]
+        # Constants that others are computed of; wider numbers than 32 bits switch nothing.
         if op in _BOOLEANS.values():
             self._known[operands[1]] = op == spv.OP_CONSTANT_TRUE
         elif op == spv.OP_CONSTANT and len(operands) == 3:

@@ -120,16 +120,17 @@ class AccessAnalysis:
         self._done: dict[tuple[int, tuple[frozenset[int], ...]], tuple[set[int], set[int], set[int]]] = {}
         current: Function | None = None
         for item in code:
-            if item.op == spv.OP_FUNCTION:
-                current = self._functions[item.words[1]] = Function()
-            elif item.op == spv.OP_FUNCTION_END:
-                current = None
-            elif current is not None:
-                self._add(item, current)
-            elif item.op == spv.OP_TYPE_POINTER and item.words[1] == spv.STORAGE_PHYSICAL:
-                self._physical_types.add(item.words[0])
-            elif item.op == spv.OP_VARIABLE:
-                self._declare(item.words)
+            match item.op:
+                case spv.OP_FUNCTION:
+                    current = self._functions[item.words[1]] = Function()
+                case spv.OP_FUNCTION_END:
+                    current = None
+                case _ if current is not None:
+                    self._add(item, current)
+                case spv.OP_TYPE_POINTER if item.words[1] == spv.STORAGE_PHYSICAL:
+                    self._physical_types.add(item.words[0])
+                case spv.OP_VARIABLE:
+                    self._declare(item.words)
 
     def _declare(self, words: list[int]) -> None:
         """Remember a variable, of the module or of a function."""
@@ -159,7 +160,10 @@ class AccessAnalysis:
         key = (function, arguments)
         if key in self._done:
             return self._done[key]
-        used, read, written = self._done[key] = (set[int](), set[int](), set[int]())
+        used = set[int]()
+        read = set[int]()
+        written = set[int]()
+        self._done[key] = used, read, written
         body = self._functions[function]
         roots = _Roots(self._variables, self._made_by, dict(zip(body.parameters, arguments, strict=True)))
         for op, words in body.body:

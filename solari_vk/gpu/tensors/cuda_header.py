@@ -1,5 +1,6 @@
 """The functions and structures of CUDA's driver that are used, and HIP's names of the same."""
 
+# Only what is called, with the types of cuda.h; reserved fields keep the sizes that the driver expects.
 HEADER = """
 typedef int CUdevice;
 typedef struct { char bytes[16]; } CUuuid;

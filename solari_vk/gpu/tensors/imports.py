@@ -99,6 +99,7 @@ class DeviceTensor:
         """The numbers in the host's memory, floats as float64. Waits for all work submitted so far."""
         if self._on_host is not None:
             return self._on_host.copy()
+        # The whole buffer is read: a part may lie anywhere in it, with gaps.
         values = np.ndarray(self.shape, self.dtype, self._buffer.read(), self._begin, self.strides)
         return values.astype(np.float64 if self.dtype.kind == "f" else self.dtype)
 
@@ -221,6 +222,7 @@ class TensorImports:
 def _stream_of(value: Any) -> int | None:
     """The stream in which a library works now, None where that isn't known. What is given later to this stream may
     change the tensor, and is behind the copy."""
+    # A user's subclass of a library's tensor has the library among its bases.
     libraries = {kind.__module__.partition(".")[0] for kind in type(value).__mro__}
     module: Any
     if "torch" in libraries:
