@@ -341,7 +341,7 @@ def test_a_mirror_shows_its_array_as_of_each_upload(own_device: Device, monkeypa
                     mirror.upload()
         own_device.wait_idle()
         kept = 0 if part.endswith("Recorded") else 1
-        assert len(mirror._ways) == len(mirror._free) == kept
+        assert len(mirror._copies) == len(mirror._free) == kept
         assert kept or own_device.objects_in_use == used
     for turn in range(3):
         with own_device.gathered():
