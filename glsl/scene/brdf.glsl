@@ -109,16 +109,9 @@ LobeProbabilities no_lobes() {
     return none;
 }
 
-LobeProbabilities divided(LobeProbabilities shares, float sum) {
-#define DIVIDE(name, Lobe, Parameters, NONE, FEATURE, Bits) shares.name /= sum;
-    LOBES(DIVIDE)
-    return shares;
-}
-
-LobeProbabilities scaled(LobeProbabilities shares, float factor) {
+void scale(inout LobeProbabilities shares, float factor) {
 #define SCALE(name, Lobe, Parameters, NONE, FEATURE, Bits) shares.name *= factor;
     LOBES(SCALE)
-    return shares;
 }
 
 float sum_of(LobeProbabilities shares) {
@@ -141,7 +134,7 @@ float sum_of(LobeProbabilities shares) {
     if (FEATURE) { \
         LobeAlbedo layer = lobe_albedo(brdf.name, wo); \
         float passed = 1.0 - cover_of(layer); \
-        shares = scaled(shares, passed); \
+        scale(shares, passed); \
         base *= passed; \
         shares.name = luminance(layer.color) * layer.share; \
     }
@@ -151,7 +144,9 @@ void prepare_lobes(inout Brdf brdf, ResolvedMaterial material, vec3 wo, float ba
     BASE_LOBES(SHARE_OF_BASE)
     LAYERS_FROM_BELOW(SHARE_OF_LAYER)
     float sum = sum_of(shares) + base;
-    brdf.probabilities = sum > 0.0 ? divided(shares, sum) : no_lobes();
+#define DIVIDE(name, Lobe, Parameters, NONE, FEATURE, Bits) shares.name /= sum;
+    if (sum > 0.0) { LOBES(DIVIDE) }
+    brdf.probabilities = shares;
 }
 
 #define LEAVE_OUT_LOBE(name, Lobe, Parameters, NONE, FEATURE, Bits) if (FEATURE) { leave_out(brdf.name); }
@@ -224,13 +219,13 @@ vec3 below_layers(Brdf brdf, vec3 value, vec3 wo, vec3 wi) {
 
 // The layers' own light of one kind, with that of a base which reflects `value` below them.
 #define ADD_DIFFUSE_LAYER(name, Lobe, Parameters, NONE, FEATURE, Bits) \
-    if (FEATURE) { own += lobe_value(brdf.name, wo, wi).diffuse * passed; } \
+    if (FEATURE) { own += diffuse_value(brdf.name, wo, wi) * passed; } \
     PASS(name, Lobe, Parameters, NONE, FEATURE, Bits)
 #define ADD_SPECULAR_LAYER(name, Lobe, Parameters, NONE, FEATURE, Bits) \
-    if (FEATURE) { own += lobe_value(brdf.name, wo, wi).specular * passed; } \
+    if (FEATURE) { own += specular_value(brdf.name, wo, wi) * passed; } \
     PASS(name, Lobe, Parameters, NONE, FEATURE, Bits)
 #define ADD_SPECULAR(name, Lobe, Parameters, NONE, FEATURE, Bits) \
-    if (FEATURE) { value += lobe_value(brdf.name, wo, wi).specular; }
+    if (FEATURE) { value += specular_value(brdf.name, wo, wi); }
 
 // The light of diffuse lobes, of the base and of layers such as sheen.
 vec3 evaluate_diffuse_brdf(Brdf brdf, vec3 wo, vec3 wi) {
@@ -322,32 +317,24 @@ BrdfSample weigh_sample(Brdf brdf, vec3 wo, vec3 wi, bool diffuse) {
     return BrdfSample(wi, weight, pdf, diffuse, diffuse_value, specular_value);
 }
 
-// What a lobe samples that was chosen with this probability.
-BrdfSample propose(LobeSample lobe, float probability) {
-    if (!lobe.valid) { return invalid_sample(); }
-    if (!lobe.delta) { return propose(lobe.wi, lobe.diffuse); }
-    return delta_sample(lobe.wi, lobe.color * (lobe.share / probability));
-}
-
 // A proposal of one of the lobes that few materials have. `choice` is below the sum of their probabilities.
-#define PROPOSE_LAYER(name, Lobe, Parameters, NONE, FEATURE, Bits) \
-    if (FEATURE && choice < chosen.name) { \
-        return propose(sample_lobe(brdf.name, wo, choice / chosen.name, u), chosen.name); \
-    } \
-    choice -= chosen.name;
-#define PROPOSE_BASE_LOBE(name, Lobe, Parameters, NONE, FEATURE, Bits) \
-    if (FEATURE && choice < chosen.name) { \
-        float inner = min(choice / chosen.name, 0.99999994); \
-        BrdfSample proposed = propose(sample_lobe(brdf.name, wo, inner, u), chosen.name); \
-        if (proposed.pdf == INFINITY) { proposed.weight = below_layers(brdf, proposed.weight, wo, proposed.wi); } \
-        return proposed; \
+#define DRAW(name, Lobe, Parameters, NONE, FEATURE, Bits) \
+    if (FEATURE && probability == 0.0 && choice < chosen.name) { \
+        probability = chosen.name; \
+        drawn = sample_lobe(brdf.name, wo, min(choice / probability, 0.99999994), u); \
     } \
     choice -= chosen.name;
 BrdfSample propose_by_lobes(Brdf brdf, vec3 wo, float choice, vec2 u) {
     LobeProbabilities chosen = brdf.probabilities;
-    LAYERS(PROPOSE_LAYER)
-    BASE_LOBES(PROPOSE_BASE_LOBE)
-    return invalid_sample();  // Where a difference was rounded, once in ten million samples.
+    LobeSample drawn = invalid_lobe_sample();  // stays so where a difference was rounded, once in ten million samples
+    float probability = 0.0;
+    LAYERS(DRAW)
+    bool below = probability == 0.0;
+    BASE_LOBES(DRAW)
+    if (!drawn.valid) { return invalid_sample(); }
+    if (!drawn.delta) { return propose(drawn.wi, drawn.diffuse); }
+    vec3 weight = drawn.color * (drawn.share / probability);
+    return delta_sample(drawn.wi, below ? below_layers(brdf, weight, wo, drawn.wi) : weight);
 }
 
 BrdfSample propose_sample(Brdf brdf, vec3 wo, float choice, vec2 u) {

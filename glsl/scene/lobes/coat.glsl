@@ -88,7 +88,7 @@ Coat prepare_coat(CoatParameters parameters, bool inside, vec3 wo) {
 
 // The largest share of light that the coat keeps from what lies below it, for light from wi to wo. Directions within a
 // volume don't pass it.
-float coat_cover(Coat coat, vec3 wo, vec3 wi) {
+float lobe_cover(Coat coat, vec3 wo, vec3 wi) {
     bool wi_inside = wi.z < 0.0 != coat.inside;
     float roughness = coat.perceptual_roughness;
     float seen = coat.inside ? 0.0 : coat_albedo(coat.weight, roughness, abs(coat.wo.z));
@@ -148,9 +148,8 @@ LobeAlbedo lobe_albedo(Coat coat, vec3 wo) {
     return LobeAlbedo(vec3(1.0), coat.inside ? 0.0 : albedo, false);
 }
 
-LobeValue lobe_value(Coat coat, vec3 wo, vec3 wi) {
-    return LobeValue(vec3(0.0), vec3(wi.z > 0.0 ? evaluate_coat(coat, wi) : 0.0));
-}
+vec3 diffuse_value(Coat coat, vec3 wo, vec3 wi) { return vec3(0.0); }
+vec3 specular_value(Coat coat, vec3 wo, vec3 wi) { return vec3(wi.z > 0.0 ? evaluate_coat(coat, wi) : 0.0); }
 
 float lobe_pdf(Coat coat, vec3 wo, vec3 wi) { return wi.z > 0.0 ? coat_pdf(coat, wi) : 0.0; }
 
@@ -163,7 +162,6 @@ LobeSample sample_lobe(Coat coat, vec3 wo, float choice, vec2 u) {
     return SCENE_TRANSMISSION && !(wi.z > 0.0) ? invalid_lobe_sample() : spread_sample(wi, false);
 }
 
-float lobe_cover(Coat coat, vec3 wo, vec3 wi) { return coat_cover(coat, wo, wi); }
 float lobe_spread(Coat coat, float probability) { return is_rough_coat(coat) ? coat.perceptual_roughness : 0.0; }
 void remove_diffuse(inout Coat coat) {}
 void leave_out(inout Coat coat) { coat = prepare_coat(NO_COAT, false, vec3(0.0, 0.0, 1.0)); }

@@ -237,9 +237,8 @@ LobeAlbedo lobe_albedo(GlassParameters parameters, BaseMaterial base, float cosi
 
 bool is_mirror(Glass glass) { return glass.roughness <= MIRROR_ROUGHNESS; }
 
-LobeValue lobe_value(Glass glass, vec3 wo, vec3 wi) {
-    if (!(glass.weight > 0.0) || is_mirror(glass)) { return LobeValue(vec3(0.0), vec3(0.0)); }
-    return LobeValue(vec3(0.0), glass.weight * evaluate_glass(glass, wo, wi));
+vec3 specular_value(Glass glass, vec3 wo, vec3 wi) {
+    return glass.weight > 0.0 && !is_mirror(glass) ? glass.weight * evaluate_glass(glass, wo, wi) : vec3(0.0);
 }
 
 float lobe_pdf(Glass glass, vec3 wo, vec3 wi) { return is_mirror(glass) ? 0.0 : glass_pdf(glass, wo, wi); }

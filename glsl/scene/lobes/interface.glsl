@@ -11,12 +11,6 @@ struct LobeAlbedo {
     bool diffuse;  // of which kind it is
 };
 
-// The lobe times the cosine of wi, as the two kinds of values that a BRDF has.
-struct LobeValue {
-    vec3 diffuse;
-    vec3 specular;
-};
-
 // A direction that a lobe samples.
 struct LobeSample {
     vec3 wi;

@@ -85,7 +85,7 @@ float sheen_albedo(float perceptual_roughness, float cosine) {
 
 // The largest share of light that sheen keeps from what lies below it, for light from wi to wo. Directions within a
 // volume don't pass it.
-float sheen_cover(Sheen sheen, vec3 wo, vec3 wi) {
+float lobe_cover(Sheen sheen, vec3 wo, vec3 wi) {
     bool wi_inside = wi.z < 0.0 != sheen.inside;
     float seen = sheen.inside ? 0.0 : sheen_albedo(sheen.perceptual_roughness, wo.z);
     float lit = wi_inside ? 0.0 : sheen_albedo(sheen.perceptual_roughness, abs(wi.z));
@@ -93,7 +93,7 @@ float sheen_cover(Sheen sheen, vec3 wo, vec3 wi) {
 }
 
 // Times the cosine. wo and wi are above the surface.
-vec3 evaluate_sheen(Sheen sheen, vec3 wo, vec3 wi) {
+vec3 diffuse_value(Sheen sheen, vec3 wo, vec3 wi) {
     if (sheen.inside || sheen.color == vec3(0.0)) { return vec3(0.0); }
     // Where the fitted shadowing lets an albedo exceed 1, the lobe is scaled down to that.
     float roughness = sheen.perceptual_roughness;
@@ -127,13 +127,10 @@ LobeAlbedo lobe_albedo(Sheen sheen, vec3 wo) {
     return LobeAlbedo(sheen.color, sheen.inside ? 0.0 : sheen_albedo(sheen.perceptual_roughness, wo.z), true);
 }
 
-LobeValue lobe_value(Sheen sheen, vec3 wo, vec3 wi) {
-    return LobeValue(wi.z > 0.0 ? evaluate_sheen(sheen, wo, wi) : vec3(0.0), vec3(0.0));
-}
+vec3 specular_value(Sheen sheen, vec3 wo, vec3 wi) { return vec3(0.0); }
 
 float lobe_pdf(Sheen sheen, vec3 wo, vec3 wi) { return wi.z > 0.0 ? sheen_pdf() : 0.0; }
 LobeSample sample_lobe(Sheen sheen, vec3 wo, float choice, vec2 u) { return spread_sample(sample_sheen(u), true); }
-float lobe_cover(Sheen sheen, vec3 wo, vec3 wi) { return sheen_cover(sheen, wo, wi); }
 float lobe_spread(Sheen sheen, float probability) { return probability > 0.0 ? 1.0 : 0.0; }
 void remove_diffuse(inout Sheen sheen) { sheen.color = vec3(0.0); }
 void leave_out(inout Sheen sheen) { sheen = prepare_sheen(NO_SHEEN, false); }

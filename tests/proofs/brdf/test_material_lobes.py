@@ -284,8 +284,8 @@ RECIPROCITY = with_shaders(check_reciprocity)
 test_a_seeded_bug_is_noticed = bug_tests(
     {
         "glass furnace": (GLASS_FURNACE, Bug("scene/brdf_table.glsl", "lookup_glass_table", "return vec2(1.0, 0.0);")),
-        "layers gain light": (LAYER_FURNACE, Bug(COAT, "coat_cover", "return 1.0;")),
-        "layers lose light": (LAYER_FURNACE, Bug(SHEEN, "sheen_cover", "return 0.5 * correct(sheen, wo, wi);")),
+        "layers gain light": (LAYER_FURNACE, Bug(COAT, "lobe_cover", "return 1.0;")),
+        "layers lose light": (LAYER_FURNACE, Bug(SHEEN, "lobe_cover", "return 0.5 * correct(sheen, wo, wi);")),
         "density of glass": (
             with_shaders(check_draws, 200_000, ["glass, a thin wall"]),
             Bug(GLASS, "glass_jacobian", "return 1.1 * correct(glass, wo, wi, m);"),
