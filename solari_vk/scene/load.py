@@ -35,6 +35,10 @@ def load(
     environment variables SOLARI_VK_LOAD_MEMORY ("8GiB") and SOLARI_VK_LOAD_SECONDS say. Raises SolariError beyond, for
     options of another kind of file, for unknown formats, and for damaged files.
     """
+    # formats.py finds formats in their folder, but PyInstaller and the like pack only modules that an import names.
+    import solari_vk.scene.files.gltf
+    import solari_vk.scene.files.mesh_files  # noqa: F401
+
     loaded: Scene = read_file(
         path, scene=scene, variant=variant, up=up, unit=unit, strict=strict, memory=memory, seconds=seconds
     )

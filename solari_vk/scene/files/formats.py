@@ -1,7 +1,8 @@
 """The file formats that scenes are read from and written to, by suffix.
 
-A format is a module or a package of this folder, which registers its functions by `reads` and `writes`. No other module
-names it: all of this folder is imported when a file is first read or written.
+A format is a module or a package of this folder, which registers its functions by `reads` and `writes`. All of this
+folder is imported when a file is first read or written. scene/load.py imports the formats by name as well, so that
+programs that pack modules find them.
 """
 
 from __future__ import annotations
@@ -61,6 +62,7 @@ def writes(*suffixes: str) -> Callable[[Function], Function]:
 
 @cache
 def _import_formats() -> None:
+    # Not by name: formats import the class Scene, whose module imports this one to read and write files.
     for module in pkgutil.iter_modules([str(Path(__file__).parent)]):
         import_module(f"{__package__}.{module.name}")
 
@@ -90,13 +92,13 @@ def read_file(
             f"{path}: {suffix or 'a file without an ending'} is not read: give a file of {', '.join(_READERS)}"
         )
     # An option that is left out has the reader's own default.
-    given = {name: value for name, value in options.items() if value is not None}
+    chosen = {name: value for name, value in options.items() if value is not None}
     for other in _READERS.values():
-        if given.keys() & set(other.options) - set(reader.options):
+        if chosen.keys() & set(other.options) - set(reader.options):
             raise SolariError(f"{path}: only {other.only}")
     # All of a file counts together, whatever reader it has.
     with load_budget(memory, seconds):
-        return reader.read(path, strict=strict, **given)
+        return reader.read(path, strict=strict, **chosen)
 
 
 def write_file(scene: Any, path: str | os.PathLike[str]) -> None:
