@@ -256,13 +256,20 @@ class Worlds:
         if layout != self._layout:
             self._make_arrays(most=layout[1])
             self._layout = layout
-        for records, worlds in self._worlds_of.items():
-            if self._written.get(records) != records.record_revision:
-                self._copy_scene(records, worlds)
+        outdated = {
+            records: worlds
+            for records, worlds in self._worlds_of.items()
+            if self._written.get(records) != records.record_revision
+        }
+        for records, worlds in outdated.items():
+            self._copy_scene(records, worlds)
         for instance, override in differing.items():
             self._write_override(instance, override)
-        if self._lights.light_index is not None:
-            self._instances["light_index"] = self._lights.light_index
+        # All rows of all worlds, which would take most of the time of a frame in which one instance moves.
+        light_index = self._lights.light_index
+        if light_index is not None and (outdated or light_index is not self._written_light_index):
+            self._instances["light_index"] = light_index
+        self._written_light_index = light_index
         self._upload("instances", self._instances)
         # A world may have fewer instances than there is room for.
         counts = np.zeros(self.count, np.int64)
@@ -270,7 +277,6 @@ class Worlds:
             counts[worlds] = records.traced.count
         self._structures.prepare(self._traced, tuple(counts.tolist()))
         self._build(differing, differing)
-        self._written_light_index = self._lights.light_index
 
     def _make_arrays(self, most: int) -> None:
         """Make arrays for so many instances in the structure of a world."""
