@@ -4,14 +4,17 @@ reciprocity; realtime frames of leaves against the path tracer."""
 from __future__ import annotations
 
 import itertools
+import tempfile
+from pathlib import Path
 
 import numpy as np
 import pytest
 from support.frames import ALL_LOBES, Effort, direction_at, material_records, measure_paths, run_brdf
-from support.seeded_bugs import Bug, bug_tests, require, with_shaders
+from support.seeded_bugs import GLSL, Bug, bug_tests, require, with_shaders
 from support.statistics import chi_squared_p, sidak
 
 import solari_vk as sv
+from solari_vk.gpu.shaders import compiler
 from solari_vk.scene import shapes
 
 DEGREES = (0, 30, 60, 75, 84)
@@ -279,6 +282,64 @@ def test_frames_have_the_path_tracers_mean(device):
 GLASS, COAT, SHEEN, TRANSMISSION = (
     f"scene/lobes/{name}.glsl" for name in ("glass", "coat", "sheen", "diffuse_transmission")
 )
+
+
+# ---- a lobe of one's own ----------------------------------------------------------------------------
+
+DUST = """
+#include "scene/lobes/interface.glsl"
+struct DustParameters { float share; };
+struct Dust { float share; };
+const DustParameters NO_DUST = DustParameters(0.25);
+DustParameters resolve_lobe(DustParameters none, Material material, TexturePoint point) { return none; }
+uint pack_lobe(DustParameters dust, mat3 frame) { return 0u; }
+DustParameters unpack_lobe(DustParameters none, uint bits, mat3 frame) { return none; }
+void limit_roughness(inout DustParameters dust, float smallest) {}
+Dust prepare_lobe(DustParameters dust, BaseMaterial base, vec3 wo) { return Dust(dust.share); }
+LobeAlbedo lobe_albedo(DustParameters dust, BaseMaterial base, float cosine) {
+    return LobeAlbedo(vec3(1.0), dust.share, true);
+}
+LobeAlbedo lobe_albedo(Dust dust, vec3 wo) { return LobeAlbedo(vec3(1.0), dust.share, true); }
+vec3 diffuse_value(Dust dust, vec3 wo, vec3 wi) { return vec3(dust.share * INVERSE_PI * wi.z); }
+vec3 specular_value(Dust dust, vec3 wo, vec3 wi) { return vec3(0.0); }
+float lobe_pdf(Dust dust, vec3 wo, vec3 wi) { return max(wi.z, 0.0) * INVERSE_PI; }
+LobeSample sample_lobe(Dust dust, vec3 wo, float choice, vec2 u) {
+    return spread_sample(sample_cosine_hemisphere(u), true);
+}
+float lobe_cover(Dust dust, vec3 wo, vec3 wi) { return dust.share; }
+float lobe_spread(Dust dust, float probability) { return 1.0; }
+void remove_diffuse(inout Dust dust) { dust.share = 0.0; }
+void leave_out(inout Dust dust) { dust.share = 0.0; }
+"""
+"""A quarter of every surface is covered by white dust."""
+
+
+def check_dust(shaders):
+    """Over black and over white, a quarter of the light comes from the dust, and the rest is as it was."""
+    materials = [{"base_color": color, "roughness": 0.5} for color in (0.0, 1.0)]
+    clean = sampled_albedos(shaders, 0.4, materials)
+    with tempfile.TemporaryDirectory() as name:
+        lobes = Path(name, "scene", "lobes")
+        lobes.mkdir(parents=True)
+        (lobes / "dust.glsl").write_text(f"#ifndef DUST_GLSL\n#define DUST_GLSL\n{DUST}\n#endif\n", encoding="utf-8")
+        listed = (GLSL / "scene/lobes/list.glsl").read_text(encoding="utf-8")
+        row = "#define LAYER_3(DO) DO(dust, Dust, DustParameters, NO_DUST, SCENE_LAYERS, uint)\n"
+        listed = listed.replace("#define LAYERS(DO) ", f'#include "scene/lobes/dust.glsl"\n{row}#define LAYERS(DO) ')
+        listed = listed.replace("LAYER_1(DO) LAYER_2(DO)", "LAYER_1(DO) LAYER_2(DO) LAYER_3(DO)")
+        listed = listed.replace("LAYER_2(DO) LAYER_1(DO)", "LAYER_3(DO) LAYER_2(DO) LAYER_1(DO)")
+        (lobes / "list.glsl").write_text(listed, encoding="utf-8")
+        compiler.overlays.insert(0, Path(name))
+        try:
+            dusty = sampled_albedos(shaders, 0.4, materials)
+        finally:
+            compiler.overlays.pop(0)
+    np.testing.assert_allclose(dusty, 0.25 + 0.75 * clean, atol=0.01)
+
+
+def test_a_new_lobe_is_a_file_and_a_row(device):
+    with_shaders(check_dust)(device)
+
+
 GLASS_FURNACE, LAYER_FURNACE = with_shaders(check_glass_furnace), with_shaders(check_layer_furnace)
 RECIPROCITY = with_shaders(check_reciprocity)
 test_a_seeded_bug_is_noticed = bug_tests(
