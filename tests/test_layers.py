@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+import solari_vk
 from solari_vk.gpu.shaders import shaderc
 from solari_vk.gpu.shaders.compiler import compile_shader
 from solari_vk.gpu.shaders.headers import header_text, is_generated
@@ -148,6 +149,31 @@ def test_formats_of_files_are_imported_by_name():
     registered = {name for name, imported in IMPORTS.items() if formats in imported and name.startswith(folder)}
     assert registered
     assert registered <= modules_reached({"solari_vk.scene.load"})
+
+
+def test_the_core_uses_no_public_name_of_a_wing():
+    """`import solari_vk` imports no wing, but its names import their modules on first use."""
+    in_wings = {name for name, module in solari_vk._MODULES.items() if room_of(module) in WINGS}
+    assert in_wings
+    for path in MODULES:
+        name = module_name(path)
+        if room_of(name) in CORE:
+            used = public_names(ast.parse(path.read_text(encoding="utf-8")))
+            assert not used & in_wings, f"{name}: {sorted(used & in_wings)}"
+
+
+def public_names(tree: ast.Module) -> set[str]:
+    """The names of solari_vk that a module uses: `from solari_vk import NAME`, and NAME of its aliases."""
+    aliases, used = set(), set()
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import):
+            aliases |= {found.asname or "solari_vk" for found in node.names if found.name == "solari_vk"}
+        if isinstance(node, ast.ImportFrom) and node.module == "solari_vk":
+            used |= {found.name for found in node.names}
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name) and node.value.id in aliases:
+            used.add(node.attr)
+    return used
 
 
 def test_no_modules_import_each_other():

@@ -1,5 +1,4 @@
-"""The command line: solari-vk render | view | serve | dataset | settings | views | info (or doctor) | bench | trial |
-conformance.
+"""The command line, solari-vk. Its commands are listed in commands.py.
 
 Exit codes: 0 done, 1 an internal error, a conformance rule that doesn't hold, or a data set or an animation of several
 devices that isn't finished, 2 bad input or usage, 3 no device, 130 Ctrl-C before there was anything to keep.

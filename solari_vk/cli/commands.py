@@ -78,4 +78,6 @@ COMMANDS = (
 
 ANIMATION = "data.cli.animation:run"
 """Renders animations with several devices, a shutter, or by the path tracer."""
+SENSOR = "data.sensors.sensor:Sensor"
+"""The camera model that makes the raw numbers of --sensor."""
 WHY_NO_WINDOW = "studio.viewer.window:why_none_opens"

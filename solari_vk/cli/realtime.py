@@ -8,9 +8,8 @@ from collections.abc import Sequence
 from contextlib import nullcontext
 from pathlib import Path
 
-import solari_vk as sv
 from solari_vk.base.errors import SolariError
-from solari_vk.cli.commands import ANIMATION
+from solari_vk.cli.commands import ANIMATION, SENSOR
 from solari_vk.cli.devices import open_device
 from solari_vk.cli.jobs import ANIMATION_AVERAGE, STILL_FRAMES, STILL_FRAMES_ON_CARDS, MovieJob, StillJob
 from solari_vk.cli.loading import LoadedScene, check_aovs, load_scene, set_exposure, shutter_arguments
@@ -212,7 +211,7 @@ class _Shooting:
             if job.sensor is not None:
                 # Each picture has noise of its own.
                 seed = numbered_seed(job.seed, len(self._written))
-                layers["raw"] = sv.Sensor.load(job.sensor).expose(radiance, camera, seed=seed)
+                layers["raw"] = resolve(SENSOR).load(job.sensor).expose(radiance, camera, seed=seed)
             light, alpha = self._renderer.cut_out(radiance) if job.transparent else (radiance, None)
             write_with_fallback(
                 target,

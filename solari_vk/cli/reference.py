@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 import solari_vk as sv
 from solari_vk.base.errors import SolariError
-from solari_vk.cli.commands import ANIMATION
+from solari_vk.cli.commands import ANIMATION, SENSOR
 from solari_vk.cli.devices import Reporter, open_device, open_pool, words_on
 from solari_vk.cli.jobs import DENOISED_SAMPLES, SAMPLES, MovieJob, StillJob
 from solari_vk.cli.loading import LoadedScene, check_aovs, load_scene, shutter_arguments
@@ -70,7 +70,7 @@ def _write(job: StillJob, camera: Camera, result: _Result) -> None:
     if result.ev100 is not None:
         camera.ev100 = result.ev100
     if job.sensor is not None:
-        result.layers["raw"] = sv.Sensor.load(job.sensor).expose(result.radiance, camera, seed=job.seed)
+        result.layers["raw"] = resolve(SENSOR).load(job.sensor).expose(result.radiance, camera, seed=job.seed)
     write_with_fallback(
         job.output,
         lambda path: sv.save_image(

@@ -8,12 +8,12 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import solari_vk as sv
 from solari_vk.base.errors import SolariError
 from solari_vk.cli import realtime, reference, showing
+from solari_vk.cli.commands import SENSOR
 from solari_vk.cli.jobs import MovieJob, RenderOptions, StillJob
 from solari_vk.cli.loading import check_aovs
-from solari_vk.cli.options import spelled
+from solari_vk.cli.options import resolve, spelled
 from solari_vk.cli.progress import check_time_limit
 from solari_vk.output import oidn
 from solari_vk.output.picture import WITH_ALPHA
@@ -53,7 +53,7 @@ def make_job(options: RenderOptions) -> StillJob | MovieJob:
         raise SolariError(f"--target-error {options.target_error:g}: must be more than 0, such as 0.02 for 2 %")
     check_time_limit(options.time_limit)
     if options.sensor is not None:
-        sv.Sensor.load(options.sensor)
+        resolve(SENSOR).load(options.sensor)
     # Last, because most of them depend on the mode.
     for is_wrong, why in _contradictions(job):
         if is_wrong:

@@ -226,7 +226,9 @@ class Panels:
 
     def _setting(self, name: str) -> None:
         settings, field = self._session.settings, FIELDS[name]
-        value, default = getattr(settings, name), DEFAULTS[name]
+        # What is in effect: the factor of upscaling follows the scale, whatever the user's setting is.
+        value: Any = self._session.pictures.upscale if name == "upscale" else getattr(settings, name)
+        default = DEFAULTS[name]
         label = f"{name} *" if field.rebuilds else name
         edited: Any = value
         imgui.set_next_item_width(7 * imgui.get_font_size())
@@ -244,5 +246,10 @@ class Panels:
             imgui.same_line()
             if imgui.small_button(f"reset##{name}"):
                 edited = default
-        if edited != value:
+        if edited == value:
+            return
+        if edited != getattr(settings, name):
             self._session.edit(settings, **{name: edited})
+        else:
+            # The user wants their own factor, which is assigned already, instead of the scale's.
+            self._session.prefer_users_upscale()

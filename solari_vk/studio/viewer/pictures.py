@@ -210,7 +210,11 @@ class Pictures:
     def upscale(self) -> float:
         """The factor by which the realtime picture is upscaled: the setting follows the scale until the user changes
         it, and again when the scale changes."""
-        return self._upscaling.settings.upscale
+        return self._upscaling.factor(self.settings)
+
+    def prefer_users_upscale(self) -> None:
+        """Upscale by the user's setting until the scale changes, also if the setting is the same as before."""
+        self._upscaling.prefer(self.settings)
 
     def _render_realtime(self, camera: Camera, build: Build) -> None:
         if self.keeps_realtime and self._is_built("realtime", build):

@@ -121,15 +121,28 @@ class Upscaling:
     def __init__(self, user: Settings) -> None:
         self.settings = copy.copy(user)
         self._by_scale = user.upscale  # what the latest scale asked for
-        self._before = user.upscale  # the user's value then
+        self._seen = user.upscale  # the user's value at the last look
+        self._prefers_user = False
         self._followed: tuple[Settings, int, float] | None = None  # what `settings` was copied from
+
+    def factor(self, user: Settings) -> float:
+        """The factor in effect: the user's if they have chosen it since the scale changed, else the scale's."""
+        if user.upscale != self._seen:
+            self.prefer(user)
+        return user.upscale if self._prefers_user else self._by_scale
+
+    def prefer(self, user: Settings) -> None:
+        """Let the user's value count until the scale changes, also if it is the same as before."""
+        self._seen = user.upscale
+        self._prefers_user = True
 
     def follow(self, user: Settings, by_scale: float) -> Settings:
         """`settings`, with the changes that the user has made. by_scale: what the scale asks for."""
         if by_scale != self._by_scale:
             self._by_scale = by_scale
-            self._before = user.upscale
-        upscale = by_scale if user.upscale == self._before else user.upscale
+            self._seen = user.upscale
+            self._prefers_user = False
+        upscale = self.factor(user)
         followed = user, user.revision, upscale
         if followed != self._followed:
             for name in FIELDS:

@@ -227,6 +227,25 @@ def test_every_setting_can_be_changed_and_reset(open_viewer, replace):
     assert viewer.settings.di_candidates == DEFAULTS["di_candidates"]
 
 
+def test_the_panel_shows_the_upscaling_in_effect(open_viewer, replace):
+    """At half the window's size that is 2, until the user asks for the 1 that their settings have already."""
+    viewer = open_viewer(size=SIZE, scale=0.5)
+    viewer.pictures.mode = "realtime"
+    viewer.run(frames=1)
+    shown = []
+
+    def reset(label, value, **_):
+        if "upscale" in label:
+            shown.append(value)
+            return True, 1.0
+        return False, value
+
+    replace(input_float=reset)
+    viewer.run(frames=3)
+    assert (shown[0], shown[-1]) == (2, 1)
+    assert (viewer.settings.upscale, viewer.pictures.rendered_size) == (1, viewer.pictures.size)
+
+
 def dragging(**values):
     """A panel's function that drags the fields of these labels to their value, or to a function of it."""
 

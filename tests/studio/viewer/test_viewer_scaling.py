@@ -8,7 +8,7 @@ import pytest
 
 import solari_vk as sv
 from solari_vk.passes.taa import render_size
-from solari_vk.studio.viewer.scaling import MIN_SCALE, STEPS, Build, ScaleControl
+from solari_vk.studio.viewer.scaling import MIN_SCALE, STEPS, Build, ScaleControl, Upscaling
 
 
 def settle(control, fixed, growth, frames=300, noise=0.0):
@@ -76,3 +76,18 @@ def test_the_realtime_picture_is_upscaled_to_the_window():
         assert render_size(build.realtime, sv.Settings(upscale=build.upscale)) == reference
     build = Build.of((1, 2), 0.1, False)
     assert (build.realtime, build.reference) == ((1, 1), (1, 1))
+
+
+def test_the_users_upscale_overrides_the_scale_until_the_scale_changes():
+    user = sv.Settings()
+    upscaling = Upscaling(user)
+    assert upscaling.follow(user, 2.0).upscale == upscaling.factor(user) == 2
+    user.denoise = not user.denoise
+    assert upscaling.follow(user, 2.0).upscale == 2, "another setting is no choice of this one"
+    for chosen in (1.5, 1.0):
+        user.upscale = chosen
+        assert upscaling.factor(user) == chosen, "panels show it before the next frame"
+        assert upscaling.follow(user, 2.0).upscale == chosen
+    assert upscaling.follow(user, 2.5).upscale == 2.5
+    upscaling.prefer(user)
+    assert upscaling.follow(user, 2.5).upscale == user.upscale == 1
