@@ -103,7 +103,7 @@ class Batch(BatchResults):
             # The scene must be on the device before worlds copy its records.
             self.binder.update()
             count = checked_worlds(device, worlds if scenes is None else len(scenes), self.views, renderer)
-            self._worlds = Worlds(device, self.binder, count)
+            self._worlds = Worlds(device, self.binder, count, self._port)
             self._owned.callback(self._worlds.destroy)
             self._worlds.update()
             self._bindings = WorldBindings(self._worlds)  # of the frame of labels
@@ -122,7 +122,7 @@ class Batch(BatchResults):
             )
             self._owned.callback(self._realtime.close)
         if self._labels_names or renderer == "reference":
-            self._table = ViewTable(self.device, self.binder.tensors, self._layout, self.views)
+            self._table = ViewTable(self.device, self._port, self._layout, self.views)
             self._owned.callback(self._table.destroy)
         if renderer == "reference":
             self._paths = BatchPathTracer(
@@ -192,11 +192,11 @@ class Batch(BatchResults):
         rendered then.
         """
         self._check_open()
-        self.binder.tensors.check()
+        self._check_tensors()
         sample_count = self._checked_samples(samples)
         clears_cache = checked_flag(reset_cache, "reset_cache")
         options = {"fov": fov, "vertical_fov": vertical_fov, "K": K, "near": near, "ev100": ev100}
-        read = self._read(poses_of(self.binder.tensors, cameras, "Batch.render", (self.views, 4, 4)), options)
+        read = self._read(poses_of(self._port, cameras, "Batch.render", (self.views, 4, 4)), options)
         self._render(read, sample_count, self._checked_seeds(seeds), checked_mask(reset, self.views), clears_cache)
         return self
 
@@ -261,14 +261,14 @@ class Batch(BatchResults):
         They take memory for each frame. Raises SolariError as `render`; nothing is rendered then.
         """
         self._check_open()
-        self.binder.tensors.check()
+        self._check_tensors()
         frames = whole_number(frames, f"{MANY}: frames", 1)
         names = checked_results(self._names if outputs is None else outputs, self._names, MANY, "result")
         sample_count = self._checked_samples(samples)
         clears_cache = checked_flag(reset_cache, "reset_cache")
         moves = transforms_of(frames, self._worlds, transforms)
         options = {"fov": fov, "vertical_fov": vertical_fov, "K": K, "near": near, "ev100": ev100}
-        shown = cameras_of(frames, self.views, cameras, self.binder.tensors)
+        shown = cameras_of(frames, self.views, cameras, self._port)
         read = [self._read(of_frame, options) for of_frame in shown]
         numbers = [self._checked_seeds(of_frame) for of_frame in seeds_of(frames, self.views, seeds)]
         cuts = cuts_of(frames, self.views, reset)
@@ -295,7 +295,7 @@ class Batch(BatchResults):
         results = {name: self._result(name) for name in names}
         if self._many is None or (index == 0 and not self._many.fits(results, frames)):
             self._close_many()
-            self._many = ManyFrames(self.device, results, frames, self.binder.tensors)
+            self._many = ManyFrames(self.device, results, frames, self._check_tensors)
         self._many.copy_results(index, results)
         return self._many
 

@@ -106,9 +106,7 @@ class BatchRenderer(Renderer):
         # Made before the frame that reads them, and freed here if that can't be made: `_owned` doesn't exist yet.
         owned: list[ViewTable | Buffer] = []
         try:
-            self.views = ViewTable(
-                device, binder.tensors, layout, count, self._grid[0], world_cache.parts(worlds.count)
-            )
+            self.views = ViewTable(device, worlds.port, layout, count, self._grid[0], world_cache.parts(worlds.count))
             owned.append(self.views)
             self._changes = LightChanges(device, worlds.count)
             owned.append(self._changes.buffer)

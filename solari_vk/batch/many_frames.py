@@ -62,11 +62,13 @@ class ManyFrames(Mapping[str, NDArray[Any]]):
     _tensors = 0
     _closed = False
 
-    def __init__(self, device: Device, results: Mapping[str, Result], frames: int, port: TensorPort) -> None:
+    def __init__(
+        self, device: Device, results: Mapping[str, Result], frames: int, check_tensors: Callable[[], None]
+    ) -> None:
         self._device = device
         self._results = dict(results)
         self._frames = frames
-        self._port = port
+        self._check_tensors = check_tensors
         self._buffers: dict[str, Buffer] = {}
         with device.undone_on_error():
             for name, result in results.items():
@@ -101,7 +103,7 @@ class ManyFrames(Mapping[str, NDArray[Any]]):
         result, buffer = self._of(name)
         values = buffer.read(result.dtype, self._frames * result.values).reshape(self._frames, result.values)
         # What was wrong in tensors of these frames is known now that the device has rendered them.
-        self._port.check()
+        self._check_tensors()
         return np.stack([result.shaped(one) for one in values])
 
     def tensor(self, name: str) -> NDArray[Any] | CudaTensor:

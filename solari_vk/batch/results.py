@@ -20,6 +20,7 @@ from solari_vk.gpu.device.buffer import Buffer
 from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.device.image import Image
 from solari_vk.gpu.tensors.exports import CudaTensor
+from solari_vk.gpu.tensors.port import TensorPort
 from solari_vk.renderers.scene_frame import SceneFrame, bind_scene
 from solari_vk.scene.model import Material, Scene
 
@@ -42,6 +43,9 @@ class BatchResults(Hints):
         self.device = device
         self._owned = ExitStack()
         self.binder = bind_scene(device, scene, type(self).__name__, self._owned)
+        # Poses have a port of their own: what it refuses concerns this batch, and no other renderer of the binder.
+        self._port = TensorPort(device)
+        self._owned.callback(self._port.destroy)
 
     def keys(self) -> list[str]:
         """The names of the results."""
@@ -61,7 +65,7 @@ class BatchResults(Hints):
             values = buffer.read()
         else:
             values = buffer.read(result.dtype, result.values, result.frame.binding(result.resource).element_offset)
-        self.binder.tensors.check()
+        self._check_tensors()
         read: NDArray[Any] = result.shaped(values)
         return read
 
@@ -172,6 +176,11 @@ class BatchResults(Hints):
     def _check_open(self) -> None:
         if self._closed:
             raise SolariError("nothing can be rendered or read: the batch was closed; make a new one")
+
+    def _check_tensors(self) -> None:
+        """Raise SolariError for a number of a tensor that was refused: of the scene's assets, or of poses."""
+        self.binder.tensors.check()
+        self._port.check()
 
     def _close_many(self) -> None:
         if self._many is not None:

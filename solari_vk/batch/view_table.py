@@ -139,10 +139,10 @@ class ViewTable:
 
     def _write_tensor(self, poses: DeviceTensor, rows: int) -> None:
         """Have the 24 numbers of the matrices of each camera written, each as a row for all cameras, at an address."""
-        subject = "Batch.render: the pose"
+        field = "Batch.render: the pose"
         pushed = {
             **self._port.matrices(poses, self._count),
-            **self._port.refusal(subject, rule(subject, "view", POSE_RULE)),
+            **self._port.refusal(field, rule(field, "view", POSE_RULE)),
             "first": rows,
         }
         self._port.write([Dispatch("cameras", (self._count, 1), pushed)], "poses", with_next=True)

@@ -26,7 +26,7 @@ from solari_vk.gpu.acceleration.tlas import INSTANCE_DTYPE
 from solari_vk.gpu.device.buffer import Buffer
 from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.tensors.imports import DeviceTensor
-from solari_vk.gpu.tensors.port import POSE_RULE, Dispatch, rule
+from solari_vk.gpu.tensors.port import POSE_RULE, Dispatch, TensorPort, rule
 from solari_vk.scene.model import Instance
 
 ROW_MASK = (1 << 24) - 1  # of custom_index_and_mask
@@ -34,10 +34,11 @@ ROW_MASK = (1 << 24) - 1  # of custom_index_and_mask
 
 class Worlds:
     """The worlds of a binder's scene or scenes: `resources` for frames over them, beside the binder's own. count: of
-    worlds, for one scene."""
+    worlds, for one scene. port: of the batch, which writes its tensors."""
 
-    def __init__(self, device: Device, binder: SceneBinder, count: int) -> None:
+    def __init__(self, device: Device, binder: SceneBinder, count: int, port: TensorPort) -> None:
         self.count = count
+        self.port = port
         self.version = 0  # of `resources`: frames bind them again when it has changed
         self.overrides = None if binder.has_many_scenes else WorldOverrides(binder, count)
         """None where each world shows a scene of its own."""
@@ -349,15 +350,14 @@ class Worlds:
             "second_place": index * traced_size,
             "second_step": self._traced.shape[1] * traced_size,
         }
-        port = self._binder.tensors
         name = instance.describe()
-        subject = f"Batch.transforms: {name}"
+        field = f"Batch.transforms: {name}"
         pushed = {
-            **port.matrices(transforms, self.count),
-            **port.refusal(subject, rule(subject, "world", POSE_RULE)),
+            **self.port.matrices(transforms, self.count),
+            **self.port.refusal(field, rule(field, "world", POSE_RULE)),
             **places,
         }
-        port.write([Dispatch("transforms", (self.count, 1), pushed)], name, with_next=True)
+        self.port.write([Dispatch("transforms", (self.count, 1), pushed)], name, with_next=True)
 
     def _upload(self, name: str, records: NDArray[Any]) -> None:
         before = self._buffers.get(name)

@@ -119,7 +119,7 @@ class SceneBinder:
 
     @property
     def tensors(self) -> TensorPort:
-        """What accepts tensors for the scenes and for those who render them."""
+        """What accepts tensors for the assets of the scenes."""
         return self.assets.tensors
 
     @property
@@ -206,7 +206,8 @@ class SceneBinder:
     # ---- from changes to the device -----------------------------------------------------------------
 
     def update(self, user: Any = None) -> None:
-        """Apply all changes since the latest call. Raises SolariError for a scene that is too large.
+        """Apply all changes since the latest call. Raises SolariError for a scene that is too large, and for
+        numbers of its assets' tensors that the device has refused.
 
         user: who is about to render a frame, if anybody is. The previous positions of poses are those of this user's
         latest frame. `previous_tlas` is from before the latest change until a user that has used the changed scene is

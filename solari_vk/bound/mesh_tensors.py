@@ -106,10 +106,10 @@ class MeshTensors:
         dispatches = []
         for name, tensor in tensors.items():
             target_address, step = places[name]
-            subject = f"{mesh.describe()}: {name}"
+            field = f"{mesh.describe()}: {name}"
             pushed = {
                 **self._port.source(tensor),
-                **self._port.refusal(subject, rule(subject, "vertex", "be finite, and positions lie within 1e18 m")),
+                **self._port.refusal(field, rule(field, "vertex", "be finite, and positions lie within 1e18 m")),
                 "target": target_address,
                 "step": step,
                 "count": tensor.shape[0],

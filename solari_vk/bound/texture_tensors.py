@@ -86,10 +86,10 @@ class TextureTensors:
         self._port.write(dispatches, f"texels of {image.name}", before=before, after=copy_levels)
 
     def _texels(self, what: str, image: Image, tensor: DeviceTensor, target: int) -> Dispatch:
-        subject = f"{what}: pixels"
+        field = f"{what}: pixels"
         pushed = {
             **self._port.source(tensor),
-            **self._port.refusal(subject, rule(subject, "texel", "lie between 0 and 1")),
+            **self._port.refusal(field, rule(field, "texel", "lie between 0 and 1")),
             "is_bytes": tensor.dtype == np.uint8,
             # Bytes are read by words, the first of which may begin before the tensor.
             "words": tensor.address & ~3,

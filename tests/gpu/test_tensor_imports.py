@@ -18,9 +18,11 @@ import pytest
 from test_hip import Library
 
 import solari_vk as sv
+from solari_vk.bound.binder import SceneBinder
 from solari_vk.gpu.device import raw
 from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.tensors import cuda, dlpack, exports, imports, shared_memory
+from solari_vk.gpu.tensors.port import MAX_TARGETS, TensorPort
 
 SIZE, WORLDS = (12, 8), 3
 BOXES = ["short block", "tall block"]
@@ -240,6 +242,31 @@ def test_wrong_tensors_are_said_later_and_not_shown(gpu):
         for shape in ((2, 4, 4), (WORLDS, 3, 4)):
             with pytest.raises(sv.SolariError, match=r"must have the shape \(3, 4, 4\)"):
                 batch.transforms["tall block"] = GpuTensor(gpu, np.zeros(shape))
+
+
+def test_only_its_own_batch_hears_of_wrong_poses(gpu):
+    scene, wrong = sv.builtin("cornell_box"), poses(0)
+    wrong[2, 0] = 0
+    binder = SceneBinder(gpu, scene)
+    batches = [sv.Batch(gpu, binder, SIZE, WORLDS, worlds=WORLDS, outputs=["depth"]) for _ in range(2)]
+    with sv.Renderer(gpu, binder, SIZE) as renderer, batches[0], batches[1]:
+        batches[0].render(GpuTensor(gpu, wrong), fov=50)
+        gpu.wait_idle()
+        scene.instances["tall block"].transform = np.eye(4)
+        renderer.render(scene.camera)
+        batches[1].render(poses(0), fov=50)["depth"]
+        with pytest.raises(sv.SolariError, match=r"Batch.render: the pose of view 2"):
+            batches[0]["depth"]
+    binder.destroy()
+
+
+def test_refusals_beyond_the_limit_share_a_number(gpu):
+    port = TensorPort(gpu)
+    numbers = [port.refusal(target, str)["what"] for target in range(MAX_TARGETS + 100)]
+    assert numbers == [*range(1, MAX_TARGETS), *[MAX_TARGETS] * 101]
+    assert port.refusal(5, str)["what"] == 6
+    assert len(port._numbers) < MAX_TARGETS
+    port.destroy()
 
 
 def test_many_frames_say_what_was_wrong(gpu):

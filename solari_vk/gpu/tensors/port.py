@@ -4,6 +4,8 @@
    Later changes of the library's tensor don't reach it. What the port doesn't accept, the host reads.
 2. `write` runs compute shaders that check the numbers and write them to their place. The host never sees the numbers.
 3. `check` raises the error for a number that a shader refused, as soon as the device has got so far.
+
+The assets of a binder have one port and each batch has another one, so that everybody hears of their own tensors only.
 """
 
 from __future__ import annotations
@@ -22,8 +24,8 @@ from solari_vk.gpu.frame.kernel import Kernel
 from solari_vk.gpu.tensors import dlpack
 from solari_vk.gpu.tensors.imports import FLOATS, DeviceTensor
 
-# A shader notes what it refused in one word: 12 bits for the subject, from 1 on, and 20 bits for the index.
-MAX_SUBJECTS = (1 << 12) - 1
+# A shader records what it refused in one word: 12 bits for the target, from 1 on, and 20 bits for the index.
+MAX_TARGETS = (1 << 12) - 1  # stands for all later ones too
 LAST_INDEX = (1 << 20) - 1  # stands for all later ones too
 REFUSAL_WORDS = 64  # so that refusals of one frame seldom overwrite each other
 
@@ -48,7 +50,7 @@ class TensorPort:
         self._device = device
         self._kernels: dict[str, Kernel] = {}
         self._refusals: Buffer | None = None  # in memory that the host sees
-        self._numbers: dict[Hashable, int] = {}  # of subjects of refusals
+        self._numbers: dict[Hashable, int] = {}  # of targets of refusals
         self._messages: dict[int, Callable[[int], str]] = {}  # by these numbers
 
     # ---- accept -------------------------------------------------------------------------------------
@@ -121,14 +123,20 @@ class TensorPort:
         """The push constants that name a tensor of `count` matrices (4, 4), which may be parts of larger ones."""
         return {**self.source(tensor), "step": tensor.strides[0] // tensor.dtype.itemsize, "count": count}
 
-    def refusal(self, subject: Hashable, message: Callable[[int], str]) -> dict[str, int]:
-        """The push constants by which a shader notes a number that it refuses. message: makes what `check` says of an
-        index."""
+    def refusal(self, target: Hashable, message: Callable[[int], str]) -> dict[str, int]:
+        """The push constants by which a shader records a number that it refuses. target: where the numbers are written
+        to. message: makes what `check` says of an index."""
         if self._refusals is None:
             self._refusals = self._device.buffer(4 * REFUSAL_WORDS, "refused tensors", host=True)
             self._refusals.write(np.zeros(REFUSAL_WORDS, np.uint32))
-        number = self._numbers.setdefault(subject, min(1 + len(self._numbers), MAX_SUBJECTS))
-        self._messages[number] = _unnamed if number == MAX_SUBJECTS else message
+        # Targets beyond the limit share the last number. None of them is stored, as their count has no bound.
+        number = self._numbers.get(target, 1 + len(self._numbers))
+        if number < MAX_TARGETS:
+            self._numbers[target] = number
+            self._messages[number] = message
+        else:
+            number = MAX_TARGETS
+            self._messages[number] = _unnamed
         return {"wrong": self._refusals.address + 4 * (number % REFUSAL_WORDS), "what": number}
 
     def write(
@@ -191,12 +199,12 @@ class TensorPort:
                 owned.destroy()
 
 
-def rule(subject: str, of: str, must: str) -> Callable[[int], str]:
-    """The message that a subject's part must follow a rule. of: what an index counts."""
+def rule(target: str, of: str, must: str) -> Callable[[int], str]:
+    """The message that a target's part must follow a rule. of: what an index counts."""
 
     def message(index: int) -> str:
         later = " or a later one" if index == LAST_INDEX else ""
-        return f"{subject} of {of} {index}{later} must {must}"
+        return f"{target} of {of} {index}{later} must {must}"
 
     return message
 
