@@ -333,7 +333,8 @@ def shiny_floor(
     if not len(alphas) or alphas.min() < 0 or alphas.max() > 1:
         raise SolariError(f"shiny_floor: roughness must be numbers from 0 to 1, not {quoted(roughness)}")
     scene = Scene(name="shiny_floor")
-    ball, half = shapes.sphere(0.6, 48), 3.0 / len(alphas)
+    ball = shapes.sphere(0.6, 48)
+    half = 3.0 / len(alphas)
     paints = [matte(color, "paint") for color in ((0.7, 0.7, 0.7), (0.65, 0.2, 0.12), (0.15, 0.4, 0.6))]
     for i, alpha in enumerate(alphas.tolist()):
         x = (2 * i + 1) * half - 3

@@ -64,10 +64,10 @@ def _matrix(value: ArrayLike, what: str, *shape: int) -> Floats:
 
 
 def _size(size: Any) -> tuple[int, int]:
-    given = np.asarray(size)
-    if given.shape != (2,) or given.dtype.kind not in "iu" or not (given > 0).all():
+    pair = np.asarray(size)
+    if pair.shape != (2,) or pair.dtype.kind not in "iu" or not (pair > 0).all():
         raise SolariError(f"Camera: size is (width, height) in pixels, not {quoted(size)}")
-    return int(given[0]), int(given[1])
+    return int(pair[0]), int(pair[1])
 
 
 def _opencv_rotation(R: ArrayLike) -> Floats:
@@ -165,7 +165,8 @@ class Calibrated:
     def _pixels(self: Any, size: tuple[int, int]) -> tuple[Lens, Floats, Floats]:
         """The lens, the principal point in pixels, and the pixels of a focal length, (2,) each."""
         width, height = _size(size)
-        lens, pixels = lens_of(self, (width, height)), np.array((width, height), np.float64)
+        lens = lens_of(self, (width, height))
+        pixels = np.array((width, height), np.float64)
         return lens, self.principal_point * pixels - self.jitter - 0.5, pixels / 2 / np.array(lens.half)
 
     def project(self: Any, points: ArrayLike, size: tuple[int, int]) -> Floats:
@@ -175,11 +176,11 @@ class Calibrated:
         Points beyond the picture's edges have positions too.
         """
         rotation, shift = self.extrinsics()
-        given = np.asarray(points, np.float64)
-        if given.shape[-1:] != (3,):
-            raise SolariError(f"Camera.project: points have the shape (..., 3), not {given.shape}")
+        world = np.asarray(points, np.float64)
+        if world.shape[-1:] != (3,):
+            raise SolariError(f"Camera.project: points have the shape (..., 3), not {world.shape}")
         # In OpenCV's camera frame.
-        seen = given @ rotation.T + shift
+        seen = world @ rotation.T + shift
         lens, center, scale = self._pixels(size)
         if self.orthographic_height:
             return np.asarray(np.where(seen[..., 2:] > 0, seen[..., :2], np.nan) * scale + center)
@@ -198,15 +199,17 @@ class Calibrated:
 
     def _lines(self: Any, pixels: ArrayLike, size: tuple[int, int]) -> tuple[Floats, Floats]:
         """The point at a depth is start + depth * along, (..., 3) each."""
-        given = np.asarray(pixels, np.float64)
-        if given.shape[-1:] != (2,):
-            raise SolariError(f"Camera: pixels have the shape (..., 2), not {given.shape}")
+        positions = np.asarray(pixels, np.float64)
+        if positions.shape[-1:] != (2,):
+            raise SolariError(f"Camera: pixels have the shape (..., 2), not {positions.shape}")
         lens, center, scale = self._pixels(size)
-        at = (given - center) / scale
+        at = (positions - center) / scale
         if self.orthographic_height:
-            start, along = np.concatenate([at, np.zeros_like(at[..., :1])], -1), np.array((0.0, 0.0, 1.0))
+            start = np.concatenate([at, np.zeros_like(at[..., :1])], -1)
+            along = np.array((0.0, 0.0, 1.0))
         else:
-            start, along = lens.starts(at), lens.directions(at)
+            start = lens.starts(at)
+            along = lens.directions(at)
         axes = np.eye(4)
         axes[:3, :3] = self.transform[:3, :3] / np.linalg.norm(self.transform[:3, :3], axis=0) @ FROM_OPENCV
         axes[:3, 3] = self.transform[:3, 3]
@@ -239,14 +242,14 @@ class Calibrated:
             box = bounds_of([target])
             target = box.center if box is not None else target
         try:
-            given = np.asarray(target, np.float64)
+            point = np.asarray(target, np.float64)
         except (TypeError, ValueError):
             raise SolariError(f"Camera.focus_on: target is a point (3,) or a distance, not {quoted(target)}") from None
-        if given.shape not in ((), (3,)):
-            raise SolariError(f"Camera.focus_on: target is a point (3,) or a distance, not of the shape {given.shape}")
-        if given.shape == ():
-            return float(given)
-        to_camera = self.transform[:3, 3] - given
+        if point.shape not in ((), (3,)):
+            raise SolariError(f"Camera.focus_on: target is a point (3,) or a distance, not of the shape {point.shape}")
+        if point.shape == ():
+            return float(point)  # a distance
+        to_camera = self.transform[:3, 3] - point
         if self.projection != "perspective":
             return float(np.linalg.norm(to_camera))
         back = self.transform[:3, 2] / np.linalg.norm(self.transform[:3, 2])

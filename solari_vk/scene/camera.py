@@ -32,8 +32,8 @@ def _view(position: ArrayLike, target: ArrayLike, up: ArrayLike) -> NDArray[np.f
     except OverflowError:
         raise SolariError("Camera: position, target and up must be finite and not too far apart") from None
     except (TypeError, ValueError):
-        given = ", ".join(map(quoted, (position, target, up)))
-        raise SolariError(f"Camera: position, target and up must be three numbers each, not {given}") from None
+        vectors = ", ".join(map(quoted, (position, target, up)))
+        raise SolariError(f"Camera: position, target and up must be three numbers each, not {vectors}") from None
     with np.errstate(over="ignore", invalid="ignore"):
         # Cameras look along -z.
         back = eye - aim
@@ -57,8 +57,8 @@ def _projection(value: Any) -> str:
 
 def _distortion(value: Any) -> NDArray[np.float64]:
     """Numbers, none if all are 0."""
-    given: NDArray[np.float64] = checks.array(None, dtype=np.float64, max_abs=1e6)(value)
-    return given if given.any() else given[:0]
+    coefficients: NDArray[np.float64] = checks.array(None, dtype=np.float64, max_abs=1e6)(value)
+    return coefficients if coefficients.any() else coefficients[:0]
 
 
 def _blades(value: Any) -> int:
@@ -165,18 +165,18 @@ class Camera(Checked, Placed, Calibrated):
     _place = resolved
 
     @classmethod
-    def _resolve(cls, given: dict[str, Any], current: Any) -> dict[str, Any]:
-        if "fov" in given:
-            if "vertical_fov" in given:
+    def _resolve(cls, fields: dict[str, Any], current: Any) -> dict[str, Any]:
+        if "fov" in fields:
+            if "vertical_fov" in fields:
                 raise SolariError("Camera: fov is vertical_fov in degrees: give one of them")
             try:
-                given["vertical_fov"] = math.radians(checks.number(0.01, 360, "degrees")(given.pop("fov")))
+                fields["vertical_fov"] = math.radians(checks.number(0.01, 360, "degrees")(fields.pop("fov")))
             except (TypeError, ValueError) as error:
                 raise SolariError(f"Camera: fov {error}") from None
-            fov = math.degrees(given["vertical_fov"])
+            fov = math.degrees(fields["vertical_fov"])
             if fov < LIKELY_RADIANS:
                 warn(f"Camera: fov is in degrees, and {fov:g} is a telescope's: in radians it is vertical_fov={fov:g}")
-        return cls._place(given, current) if given.keys() & {"transform", *PARTS} else given
+        return cls._place(fields, current) if fields.keys() & {"transform", *PARTS} else fields
 
     @_Placing
     @classmethod

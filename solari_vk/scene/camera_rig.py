@@ -72,8 +72,8 @@ class CameraRig(Hints):
         Each picture is what a camera sees; cube maps of OpenGL and Vulkan mirror it. fields: further ones of Camera.
         """
         # A face of a cube; fields may say otherwise, for an overlap.
-        given = {"fov": 90, **fields}
-        return cls({name: Camera.look_at((0, 0, 0), along, up, **given) for name, (along, up) in FACES.items()})
+        options = {"fov": 90, **fields}
+        return cls({name: Camera.look_at((0, 0, 0), along, up, **options) for name, (along, up) in FACES.items()})
 
     def at(
         self,

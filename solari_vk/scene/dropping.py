@@ -1,5 +1,8 @@
 """Things that fall until they rest: by MuJoCo, a maintained engine of rigid bodies with wheels for all platforms.
 
+It is part of the room `scene`, not of a wing for physics, because `Scene.drop` is a method of the scene, which must not
+import wings: it reads meshes and writes transforms. The first call imports MuJoCo.
+
 pybullet, the other candidate, has no wheels for current Pythons. MuJoCo's bodies are convex: what falls collides as its
 convex hull, which contains the mesh, so that meshes don't meet either. What lies still is exact: a convex mesh is
 itself, and of others each triangle is a slab behind its front.
@@ -27,7 +30,8 @@ Floats = NDArray[np.float64]
 SLAB = 0.05  # meters behind the front of a triangle that isn't part of a convex mesh
 MARGIN = 4e-4  # meters, of which each of two things begins to push, so that nothing penetrates
 STEP = 0.002  # seconds
-SLOW, RESTING = 0.02, 50  # m/s or rad/s, and for how many steps, until things count as resting
+SLOW = 0.02  # m/s or rad/s
+RESTING = 50  # steps: things that are slow for so long count as resting
 MOST_TRIANGLES = 5000
 TRIES = 200  # of places for one thing in a layer
 FRICTION = "0.8 0.02 0.005"  # sliding, turning, rolling
@@ -208,14 +212,14 @@ def _region(region: Any, supports: list[Instance]) -> tuple[Floats, Floats]:
     if found is None:
         raise SolariError("Scene.drop: there is nothing to fall on: add a floor")
     try:
-        given = np.asarray([found.min, found.max] if region is None else region, np.float64)
-        if given.shape != (2, 3) or not np.isfinite(given).all() or not (given[0] <= given[1]).all():
+        corners = np.asarray([found.min, found.max] if region is None else region, np.float64)
+        if corners.shape != (2, 3) or not np.isfinite(corners).all() or not (corners[0] <= corners[1]).all():
             raise ValueError
     except (TypeError, ValueError):
         raise SolariError(
             f"Scene.drop: region is a box, its lowest and its highest corner (2, 3) in meters, not {quoted(region)}"
         ) from None
-    return given[0], given[1]
+    return corners[0], corners[1]
 
 
 def _place(bodies: list[_Body], low: Floats, high: Floats, rng: np.random.Generator, upright: bool) -> None:

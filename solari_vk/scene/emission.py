@@ -20,7 +20,8 @@ def mean_emission(scene: Scene) -> float:
     total = 0.0
     for instance in scene.instances:
         if instance.visible and instance.material.emits:
-            mesh, texture = instance.posed_mesh(), instance.material.emissive_texture
+            mesh = instance.posed_mesh()
+            texture = instance.material.emissive_texture
             a, b, c = transform_points(instance.transform, mesh.positions)[mesh.triangles].swapaxes(0, 1)
             # The area of emissive triangles, times the mean of the texture over the whole image.
             bright = float(np.linalg.norm(np.cross(b - a, c - a), axis=1).sum()) / 2
@@ -54,8 +55,8 @@ def luminance_sums(image: TextureImage) -> Sums:
 def mean_luminances(mesh: Mesh, triangles: NDArray[np.uint32], texture: Texture, sums: Sums) -> NDArray[np.float64]:
     """The mean luminance (M,) of a texture over the box of texels around each of the triangles (M, 3)."""
     m = texture.uv_transform.astype(np.float64)
-    given = mesh.uvs_for(texture.uv_set)
-    uvs = np.zeros((len(mesh.positions), 2)) if given is None else given.astype(np.float64)
+    mesh_uvs = mesh.uvs_for(texture.uv_set)
+    uvs = np.zeros((len(mesh.positions), 2)) if mesh_uvs is None else mesh_uvs.astype(np.float64)
     corners = (uvs @ m[:, :2].T + m[:, 2])[triangles]
     left, right = _texels(corners[..., 0], sums.shape[1] - 1, texture.wrap_u)
     top, bottom = _texels(corners[..., 1], sums.shape[0] - 1, texture.wrap_v)
@@ -74,7 +75,8 @@ def _texels(coordinates: NDArray[np.float64], size: int, wrap: str) -> tuple[NDA
         return first.clip(0, size - 1).astype(np.int64), end.clip(1, size).astype(np.int64)
     # In a mirrored period the second half runs backwards.
     period = 2 * size if wrap == "mirrored_repeat" else size
-    first, length = first % period, end - first
+    length = end - first
+    first = first % period
     end = first + length
     mirrored = first >= size
     first, end = np.where(mirrored, period - end, first), np.where(mirrored, period - first, end)

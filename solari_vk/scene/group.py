@@ -235,25 +235,28 @@ def _move(item: Any, move: NDArray[np.float64]) -> None:
         item.update(**{name: transform_directions(move, getattr(item, name)).astype(np.float32) for name in item.axes})
 
 
-def distinct(name: str, taken: dict[str, int]) -> str:
-    """The name, with a number if it is taken; then it is. taken: names, and the last number that each got."""
+def distinct(name: str, used: dict[str, int]) -> str:
+    """The name, with a number if it is in use, and adds it to `used`: names, and the last number that each got."""
     # The last number of each name is remembered: thousands of equal names take linear time.
-    number, found = taken.get(name, 0), name
-    while found in taken:
+    number = used.get(name, 0)
+    found = name
+    while found in used:
         number += 1
         found = f"{name} {number}"
-    taken[name], taken[found] = max(number, 1), 1
+    used[name] = max(number, 1)
+    used[found] = 1
     return found
 
 
-def copies(instances: Iterable[Instance], lights: Iterable[Any], name: str, taken: Iterable[str] = ()) -> list[Any]:
+def copies(instances: Iterable[Instance], lights: Iterable[Any], name: str, reserved: Iterable[str] = ()) -> list[Any]:
     """Copies of instances, which share meshes and materials, and of lights that have a place or a direction.
 
-    name: of a single instance; it precedes those of several. taken: the names of objects that they aren't parts of.
+    name: of a single instance; it precedes those of several. reserved: the names of objects that they aren't parts of.
     """
     # Instances are copied, meshes and materials shared: they are most of the memory.
     made: list[Any] = [dataclasses.replace(instance) for instance in instances]
-    used, objects = dict.fromkeys(taken, 1), {"": ""}
+    used = dict.fromkeys(reserved, 1)
+    objects = {"": ""}
     for instance in made:
         whole = instance.part_of
         if whole not in objects:

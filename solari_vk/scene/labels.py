@@ -44,15 +44,16 @@ def find_labels(
 ) -> dict[Instance, Class]:
     """What `label_instances` assigns to these instances; floor: the studio's."""
     who = "labels"
-    given: Any = classes
+    mapping: Any = classes
     if isinstance(classes, str | PathLike):
         path = Path(classes)
         who = f"labels {path}"
-        given = read_json(path, who)
-    if not isinstance(given, Mapping):
-        raise SolariError(f"{who}: {_FORM}, not {quoted(given)}")
-    named = {pattern: _class(pattern, value, who) for pattern, value in given.items()}
-    found, unused = dict[Instance, Class](), dict(named)
+        mapping = read_json(path, who)
+    if not isinstance(mapping, Mapping):
+        raise SolariError(f"{who}: {_FORM}, not {quoted(mapping)}")
+    named = {pattern: _class(pattern, value, who) for pattern, value in mapping.items()}
+    found: dict[Instance, Class] = {}
+    unused = dict(named)
     for instance in instances:
         # In the order of the file: the first pattern counts.
         fitting = [pattern for pattern in named if fits(instance, pattern, floor)]

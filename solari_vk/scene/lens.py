@@ -88,9 +88,11 @@ class Lens(NamedTuple):
             slopes = points[..., :2] / np.where(z > 0, z, np.nan)[..., None]
             if self.kind == PINHOLE:
                 return slopes
-            at, seen = distort(slopes, self.distortion)[0], np.linalg.norm(slopes, axis=-1) < self.limit
+            at = distort(slopes, self.distortion)[0]
+            seen = np.linalg.norm(slopes, axis=-1) < self.limit
         elif self.kind == EQUIRECTANGULAR:
-            eye, away = self.distortion[0], np.hypot(x, z)
+            eye = self.distortion[0]
+            away = np.hypot(x, z)
             seen = away >= abs(eye)  # the ray to the point touches the circle on which the eye moves
             # Omnidirectional stereo: rays are tangents of the circle on which the eye moves, so that a point, its foot
             # on the circle and the center make a right angle.
@@ -120,7 +122,8 @@ def distort(slopes: Floats, distortion: tuple[float, ...]) -> tuple[Floats, Floa
     r2 = x * x + y * y
     # The rational model of OpenCV (CALIB_RATIONAL_MODEL), whose radial part is a fraction of two polynomials, with the
     # tangential terms p and those of a thin prism, s.
-    above, below = 1 + r2 * (k1 + r2 * (k2 + r2 * k3)), 1 + r2 * (k4 + r2 * (k5 + r2 * k6))
+    above = 1 + r2 * (k1 + r2 * (k2 + r2 * k3))
+    below = 1 + r2 * (k4 + r2 * (k5 + r2 * k6))
     scale = above / below
     slope = (k1 + r2 * (2 * k2 + 3 * r2 * k3) - scale * (k4 + r2 * (2 * k5 + 3 * r2 * k6))) / below
     u = x * scale + 2 * p1 * x * y + p2 * (r2 + 2 * x * x) + r2 * (s1 + r2 * s2)

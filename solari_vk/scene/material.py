@@ -253,22 +253,22 @@ class Material(TensorFields):
         if visual.kind in ("vertex", "face"):
             mode = "blend" if visual.transparency else "opaque"
             return cls(base_color=np.ones(3, np.float32), alpha_mode=mode, double_sided=True)
-        given = getattr(visual, "material", None)
-        if given is None or _is_placeholder(visual):
+        source = getattr(visual, "material", None)
+        if source is None or _is_placeholder(visual):
             return cls()
         # A SimpleMaterial, of .mtl files, makes a PBRMaterial of itself.
-        is_simple = hasattr(given, "to_pbr")
-        pbr = given.to_pbr() if is_simple else given
+        is_simple = hasattr(source, "to_pbr")
+        pbr = source.to_pbr() if is_simple else source
         values = {name: getattr(pbr, name) for name in _OF_TRIMESH if getattr(pbr, name, None) is not None}
         color = np.asarray(values.pop("baseColorFactor", (255,) * 4)) / 255
         fields: dict[str, Any] = {"metallic": 0.0 if is_simple else 1.0, "perceptual_roughness": 1.0}
         if is_simple:
-            color = _simple_color(given, color, "baseColorTexture" in values)
+            color = _simple_color(source, color, "baseColorTexture" in values)
             values |= {"doubleSided": True, "alphaMode": "blend" if color[3] < 1 else "opaque"}
         _drop_unusable(values, visual, pbr)
         fields |= {_OF_TRIMESH[name]: _without_pillow(value) for name, value in values.items()}
         fields["alpha_mode"] = str(fields.get("alpha_mode", "opaque")).lower()
-        return cls(**fields | {"base_color": color[:3], "alpha": color[3], "name": str(given.name or "")})
+        return cls(**fields | {"base_color": color[:3], "alpha": color[3], "name": str(source.name or "")})
 
     @property
     def emits(self) -> bool:

@@ -15,10 +15,10 @@ _ROTATION_ERROR = 1e-3
 
 def unit(vectors: ArrayLike) -> NDArray[np.float64]:
     """Vectors (..., N) with their lengths made 1. Zero vectors, and those with an infinity or a NaN, become zero."""
-    given = np.asarray(vectors, np.float64)
-    largest = np.abs(given).max(axis=-1, keepdims=True)
+    values = np.asarray(vectors, np.float64)
+    largest = np.abs(values).max(axis=-1, keepdims=True)
     fits = (largest > 0) & np.isfinite(largest)
-    scaled = np.where(fits, given, 0) / np.where(fits, largest, 1)  # else the squares could overflow
+    scaled = np.where(fits, values, 0) / np.where(fits, largest, 1)  # else the squares could overflow
     lengths = np.linalg.norm(scaled, axis=-1, keepdims=True)
     found: NDArray[np.float64] = scaled / np.where(fits, lengths, 1)
     return found
@@ -112,7 +112,8 @@ def nearest_rotation(matrix: NDArray[Any]) -> NDArray[np.float64]:
 
 def turned_about(center: ArrayLike, turn: NDArray[Any], transform: NDArray[Any]) -> NDArray[np.float64]:
     """A transform (4, 4) after a rotation (3, 3) about a center (3,)."""
-    pivot, result = np.asarray(center, np.float64), np.array(transform, np.float64)
+    pivot = np.asarray(center, np.float64)
+    result = np.array(transform, np.float64)
     result[:3, :3] = turn @ transform[:3, :3]
     result[:3, 3] = pivot + turn @ (transform[:3, 3] - pivot)
     return result

@@ -124,7 +124,8 @@ class Mesh(TensorFields):
         if mesh.visual.kind == "face":
             # A vertex has one color, so that faces of different colors can't share any.
             corners = mesh.faces.ravel()
-            positions, triangles = positions[corners], np.arange(len(corners)).reshape(-1, 3)
+            positions = positions[corners]
+            triangles = np.arange(len(corners)).reshape(-1, 3)
             normals = None if normals is None else normals[corners]
             colors = np.repeat(mesh.visual.face_colors, 3, axis=0)
         elif mesh.visual.kind == "vertex":
@@ -221,7 +222,8 @@ class Instance(Checked, Scaled):
 
     def posed_mesh(self) -> Mesh:
         """A mesh without a deformation that looks like this instance's mesh in its pose; `mesh` without a pose."""
-        mesh, deformation = self.mesh, self.mesh.deformation
+        mesh = self.mesh
+        deformation = mesh.deformation
         if not self.posed or deformation is None:
             return mesh
         # Textures and colors stay with their vertices.
@@ -265,7 +267,8 @@ def objects_of(
 ) -> dict[int, list[int]]:
     """The numbers of each object's parts (`Instance.part_of`), by the first one, and of instances alone. labels: of the
     instances, by their numbers: parts of other classes are objects of their own. merge: False takes each part alone."""
-    found, first = dict[int, list[int]](), dict[tuple[str, str], int]()
+    found: dict[int, list[int]] = {}
+    first: dict[tuple[str, str], int] = {}  # the first part of each object
     for number, instance in sorted(instances.items()):
         key = instance.part_of, "" if labels is None else labels[number]
         found.setdefault(first.setdefault(key, number) if merge and instance.part_of else number, []).append(number)

@@ -134,33 +134,32 @@ class Checked(Observable):
                 object.__setattr__(self, name, value)
 
     @classmethod
-    def _by_field(cls, given: dict[str, Any], current: Checked | None = None) -> dict[str, Any]:
+    def _by_field(cls, arguments: dict[str, Any], current: Checked | None = None) -> dict[str, Any]:
         """Replace aliases and derived names by the fields' names. Raises SolariError for an unknown name, and for a
         field given twice. current: the object that is changed, None for one that is made."""
         # The usual case, first: objects of large scenes are made with the fields' own names.
-        if given.keys() <= cls._names.keys():
-            return given
-        names: dict[str, str] = {}  # by field: the name that was given
-        for name in given:
+        if arguments.keys() <= cls._names.keys():
+            return arguments
+        names: dict[str, str] = {}  # by field: the name that the caller used
+        for name in arguments:
             field = cls._aliases.get(name, name)
             if field not in cls._names and field not in cls._derived:
                 raise unknown_name(f"{cls.__name__} has no field", name, [*cls._names, *cls._aliases, *cls._derived])
-            # By two of its names.
             if field in names:
                 raise SolariError(f"{cls.__name__}: {names[field]} and {name} name the same field: give one of them")
             names[field] = name
-        fields = {field: given[name] for field, name in names.items()}
+        fields = {field: arguments[name] for field, name in names.items()}
         return fields if fields.keys().isdisjoint(cls._derived) else cls._resolve(fields, current)
 
     @classmethod
-    def _resolve(cls, given: dict[str, Any], current: Any) -> dict[str, Any]:
-        """The fields that fields and derived names mean. Arguments are those of `_by_field`."""
+    def _resolve(cls, fields: dict[str, Any], current: Any) -> dict[str, Any]:
+        """The fields that fields and derived names mean. current: as of `_by_field`."""
         raise NotImplementedError
 
     def __repr__(self) -> str:
         """The fields that aren't as by default."""
-        given = {name: getattr(self, name) for name in self._names}
-        shown = (f"{name}={_shown(value)}" for name, value in given.items() if not _equal(value, self._defaults[name]))
+        values = {name: getattr(self, name) for name in self._names}
+        shown = (f"{name}={_shown(value)}" for name, value in values.items() if not _equal(value, self._defaults[name]))
         return f"{type(self).__name__}({', '.join(shown)})"
 
     def _validate(self) -> None:
@@ -174,14 +173,14 @@ Kind = TypeVar("Kind", bound=type[Checked])
 def checked(kind: Kind) -> Kind:
     """Make a subclass of Checked a dataclass, compared by identity, whose constructor takes aliases of fields too."""
     dataclass(eq=False, repr=False)(kind)
-    given = {field.name: field.metadata for field in fields(kind)}  # type: ignore[arg-type]
-    kind._names = dict.fromkeys(given)
+    metadata = {field.name: field.metadata for field in fields(kind)}  # type: ignore[arg-type]
+    kind._names = dict.fromkeys(metadata)
     kind._defaults = {
         field.name: field.default if field.default_factory is MISSING else field.default_factory()
         for field in fields(kind)  # type: ignore[arg-type]
     }
-    own = {name: metadata["converter"] for name, metadata in given.items() if "converter" in metadata}
-    kind._converters = own | dict(kind._converters)
+    converters = {name: entry["converter"] for name, entry in metadata.items() if "converter" in entry}
+    kind._converters = converters | dict(kind._converters)
     init: Callable[..., None] = kind.__init__
     in_order = [field.name for field in fields(kind) if field.init and not field.kw_only]  # type: ignore[arg-type]
 

@@ -17,27 +17,27 @@ PARTS = ("position", "rotation", "scale")
 
 def rotation_matrix(value: Any) -> NDArray[np.float64]:
     """A rotation (3, 3) from one, from a quaternion (x, y, z, w), or from an angle in radians about +y."""
-    given = checks.real(value, np.float64)
-    checks.refuse_not_finite(given)
-    if given.ndim == 0:
-        return rotation((0, 1, 0), float(given))
-    if given.shape == (4,) and given.any():
-        return np.array(quaternion_rotation(*unit(given)))
-    if given.shape != (3, 3) or not is_rotation(given):
+    values = checks.real(value, np.float64)
+    checks.refuse_not_finite(values)
+    if values.ndim == 0:
+        return rotation((0, 1, 0), float(values))
+    if values.shape == (4,) and values.any():
+        return np.array(quaternion_rotation(*unit(values)))
+    if values.shape != (3, 3) or not is_rotation(values):
         raise ValueError(
             "must be a quaternion (x, y, z, w), such as solari_vk.euler(0, 90, 0) gives for three angles "
             "in degrees, a rotation matrix (3, 3), which neither scales nor mirrors, or an angle in "
             "radians about +y"
         )
-    return given
+    return values
 
 
 def _scale(value: Any) -> NDArray[np.float64]:
-    given = checks.real(value, np.float64)
-    checks.refuse_not_finite(given)
-    if given.shape not in ((), (3,)) or not (given > 0).all():
+    factors = checks.real(value, np.float64)
+    checks.refuse_not_finite(factors)
+    if factors.shape not in ((), (3,)) or not (factors > 0).all():
         raise ValueError(f"must be one factor or three, (3,), above 0 (a transform can mirror), not {quoted(value)}")
-    return np.broadcast_to(given, (3,))
+    return np.broadcast_to(factors, (3,))
 
 
 def parts(transform: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
@@ -62,9 +62,9 @@ def placed(
         "rotation": rotation_matrix,
         "scale": _scale,
     }
-    given = {"transform": transform, "position": position, "rotation": rotation, "scale": scale}
+    arguments = {"transform": transform, "position": position, "rotation": rotation, "scale": scale}
     values: dict[str, NDArray[np.float64]] = {"transform": np.eye(4)}
-    for name, value in given.items():
+    for name, value in arguments.items():
         if value is not None:
             try:
                 values[name] = converters[name](value)
@@ -85,13 +85,13 @@ def placed(
 
 
 @classmethod  # type: ignore[misc]
-def resolved(cls: type[Any], given: dict[str, Any], current: Any) -> dict[str, Any]:
+def resolved(cls: type[Any], fields: dict[str, Any], current: Any) -> dict[str, Any]:
     """`Checked._resolve` of what has a transform."""
-    changed = {name: given.pop(name) for name in PARTS if name in given}
-    # Parts that are given with a transform replace its own.
-    before = given.pop("transform", None if current is None else current.transform)
+    changed = {name: fields.pop(name) for name in PARTS if name in fields}
+    # Parts that are set together with a transform replace those of the transform.
+    before = fields.pop("transform", None if current is None else current.transform)
     who = cls.__name__ if current is None else current.describe()
-    return given | {"transform": placed(before, who, **changed)}
+    return fields | {"transform": placed(before, who, **changed)}
 
 
 class Part(np.ndarray[Any, np.dtype[np.float64]]):

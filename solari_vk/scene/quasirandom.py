@@ -16,7 +16,8 @@ def additive(number: int, step: int) -> float:
 
 def radical_inverse(number: int, base: int) -> float:
     """Van der Corput (1935), Halton (1964): a number's digits behind the point, the last one first."""
-    result, part = 0.0, 1.0
+    result = 0.0
+    part = 1.0
     while number:
         part /= base
         result += part * (number % base)

@@ -25,8 +25,8 @@ def polygons(*corners: ArrayLike, name: str = "") -> Mesh:
     uvs: list[NDArray[Any]] = []
     indices: list[tuple[int, int, int]] = []
     start = 0
-    for given in corners:
-        polygon = np.asarray(given, np.float64)
+    for polygon_corners in corners:
+        polygon = np.asarray(polygon_corners, np.float64)
         count = len(polygon)
         normal = np.cross(polygon[1] - polygon[0], polygon[2] - polygon[0])
         positions.append(polygon)
@@ -82,12 +82,14 @@ def box(low: ArrayLike | None = None, high: ArrayLike | None = None, inward: boo
             f"shapes.box: takes its lowest and its highest corner, three numbers each, not {quoted(low)} "
             f"and {quoted(high)}; a cube of 2 m is box((-1, -1, -1), (1, 1, 1))"
         )
-    center, half = (corner_low + corner_high) / 2, (corner_high - corner_low) / 2
+    center = (corner_low + corner_high) / 2
+    half = (corner_high - corner_low) / 2
     faces = []
     for axis in range(3):
         u, v = np.zeros(3), np.zeros(3)
         # Cyclic order, so that cross(u, v) points along the axis.
-        u[(axis + 1) % 3], v[(axis + 2) % 3] = half[(axis + 1) % 3], half[(axis + 2) % 3]
+        u[(axis + 1) % 3] = half[(axis + 1) % 3]
+        v[(axis + 2) % 3] = half[(axis + 2) % 3]
         for sign in (-1.0, 1.0):
             face = center.copy()
             face[axis] += sign * half[axis]
@@ -106,7 +108,8 @@ def sphere(radius: float = 1.0, segments: int = 32) -> Mesh:
         raise SolariError(f"a sphere needs at least 3 segments, not {segments}")
     rings = max(segments // 2, 2)
     row, column = (grid.ravel() for grid in np.mgrid[0 : rings + 1, 0 : segments + 1])
-    polar, turn = row * (math.pi / rings), column * (2 * math.pi / segments)
+    polar = row * (math.pi / rings)
+    turn = column * (2 * math.pi / segments)
     # The last column repeats the positions of the first with u = 1; the positions are equal, so there is no gap.
     turn = np.where(column == segments, 0.0, turn)
     sine = np.where((row == 0) | (row == rings), 0.0, np.sin(polar))

@@ -62,15 +62,15 @@ class Animation(Checked):
 
     def samples(self, seconds: float, *, loop: bool = True) -> list[Sample]:
         """The values of all channels; arguments and errors are those of `apply`."""
-        given, seconds = seconds, _number(seconds)
-        if not math.isfinite(seconds):
-            raise SolariError(f"{self.describe()}: the time must be a finite number of seconds, not {quoted(given)}")
+        time = _number(seconds)
+        if not math.isfinite(time):
+            raise SolariError(f"{self.describe()}: the time must be a finite number of seconds, not {quoted(seconds)}")
         duration = self.duration
         if loop and duration > 0:
             # In clips without a duration there is nothing to repeat.
-            seconds %= duration
+            time %= duration
         found: Any = self._tracks  # type: ignore[attr-defined]
-        return [(track.nodes, track.path, track.at(seconds)) for track in found]
+        return [(track.nodes, track.path, track.at(time)) for track in found]
 
 
 def mix(scene: HasLights, parts: Sequence[tuple[Animation, float, float]], *, loop: bool = True) -> None:

@@ -49,12 +49,12 @@ class Channel:
         object.__setattr__(self, "times", times.tolist())
         object.__setattr__(self, "values", values)
 
-    def _check_shape(self, key_count: int, given: tuple[int, ...]) -> None:
+    def _check_shape(self, key_count: int, values_shape: tuple[int, ...]) -> None:
         shape = (key_count, 3) if self.interpolation == "CUBICSPLINE" else (key_count,)
         width = WIDTHS[self.path]
-        if given[:-1] != shape or (width is not None and given[-1] != width):
+        if values_shape[:-1] != shape or (width is not None and values_shape[-1] != width):
             wanted = ", ".join(map(str, (*shape, "C" if width is None else width)))
-            raise SolariError(f"the {self.path} of an animation has values {given}, but must have ({wanted})")
+            raise SolariError(f"the {self.path} of an animation has values {values_shape}, but must have ({wanted})")
 
     def at(self, seconds: float) -> Values:
         """The value (C,) at a time; before the first key that of the first, after the last key that of the last."""

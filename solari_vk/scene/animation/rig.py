@@ -61,7 +61,6 @@ class Rig:
     ) -> None:
         self.count = count = len(parents)
         self.parents = list(parents)
-        given = [(np.eye(4), True)] * count if bases is None else bases
         self.transforms = np.reshape(np.asarray(transforms, np.float64), (count, 4, 4))
         self.rest = {
             "translation": np.reshape(np.asarray(translations, np.float64), (count, 3)),
@@ -69,8 +68,10 @@ class Rig:
             "scale": np.reshape(np.asarray(scales, np.float64), (count, 3)),
         }
         self.visible = np.ones(count, bool) if visible is None else np.array(visible, bool)
-        self.bases = np.array([matrix for matrix, _ in given]).reshape(count, 4, 4)
-        self.bases_visible = np.array([shown for _, shown in given], bool)
+        if bases is None:
+            bases = [(np.eye(4), True)] * count
+        self.bases = np.array([matrix for matrix, _ in bases]).reshape(count, 4, 4)
+        self.bases_visible = np.array([shown for _, shown in bases], bool)
         self._jumps = _jumps(parents)
         self._roots = np.flatnonzero(np.asarray(parents, np.int64).reshape(-1) < 0)
         self.placed: list[tuple[Any, int, Matrix | None]] = []
@@ -173,7 +174,8 @@ class Rig:
 
     def _pose_of(self, samples: Iterable[Sample]) -> Pose:
         parts = {name: values.copy() for name, values in self.rest.items()}
-        moved, visible = np.zeros(self.count, bool), self.visible.copy()
+        moved = np.zeros(self.count, bool)
+        visible = self.visible.copy()
         weights: dict[int, Matrix] = {}
         properties: dict[int, Matrix] = {}
         for nodes, path, values in samples:

@@ -42,7 +42,8 @@ def load_colmap(folder: str | os.PathLike[str]) -> list[ColmapImage]:
 
     Raises SolariError for a file that can't be read, a model that isn't in MODELS, and a wrong line.
     """
-    lenses, found = {}, []
+    lenses = {}
+    found = []
     path = Path(folder) / "cameras.txt"
     for number, line in _lines(path):
         if line:
@@ -56,18 +57,19 @@ def load_colmap(folder: str | os.PathLike[str]) -> list[ColmapImage]:
         try:
             # COLMAP's quaternions have w first, and turn from the world to the camera.
             w, x, y, z, *shift = (float(word) for word in words[1:8])
-            where, name = words[8], words[9]
+            camera_id = words[8]
+            name = words[9]
         except (ValueError, IndexError):
             raise SolariError(
                 f"{path}, line {number}: an image is IMAGE_ID QW QX QY QZ TX TY TZ CAMERA_ID NAME, not '{line[:80]}'"
             ) from None
         if not any((w, x, y, z)):
             raise SolariError(f"{path}, line {number}: the quaternion QW QX QY QZ is 0")
-        if where not in lenses:
-            raise SolariError(f"{path}, line {number}: there is no camera {where} in cameras.txt")
+        if camera_id not in lenses:
+            raise SolariError(f"{path}, line {number}: there is no camera {camera_id} in cameras.txt")
         length = float(np.linalg.norm((w, x, y, z)))
         rotation = quaternion_rotation(x / length, y / length, z / length, w / length)
-        found.append(_image(name, rotation, shift, *lenses[where]))
+        found.append(_image(name, rotation, shift, *lenses[camera_id]))
     return found
 
 
@@ -124,7 +126,8 @@ def save_colmap(
     """
     if len(names) != len(cameras):
         raise SolariError(f"save_colmap: {len(cameras)} cameras have {len(names)} names")
-    lenses, images = dict[str, int](), []
+    lenses: dict[str, int] = {}
+    images = []
     for number, (camera, name) in enumerate(zip(cameras, names, strict=True), 1):
         lens = lenses.setdefault(_lens(camera, size), len(lenses) + 1)
         rotation, shift = camera.extrinsics()
@@ -147,19 +150,19 @@ def check_colmap(cameras: Iterable[Camera], size: tuple[int, int]) -> None:
 
 def _lens(camera: Camera, size: tuple[int, int]) -> str:
     """Model, size and parameters."""
-    given = camera.distortion.tolist()
-    if camera.projection not in ("perspective", "fisheye") or len(given) > 8:
+    coefficients = camera.distortion.tolist()
+    if camera.projection not in ("perspective", "fisheye") or len(coefficients) > 8:
         raise SolariError(
             f"save_colmap: {camera.describe()}: COLMAP has no model for this {camera.projection} camera "
-            f"with {len(given)} numbers of distortion"
+            f"with {len(coefficients)} numbers of distortion"
         )
-    distortion = [*given, *[0.0] * 8][:8]
+    distortion = [*coefficients, *[0.0] * 8][:8]
     if camera.projection == "fisheye":
         model = "OPENCV_FISHEYE"
     elif any(distortion[4:]):
         model = "FULL_OPENCV"
     else:
-        model = "OPENCV" if given else "PINHOLE"
+        model = "OPENCV" if coefficients else "PINHOLE"
     (fx, _, cx), (_, fy, cy), _ = camera.intrinsics(size).tolist()
     parameters = fx, fy, cx + CENTER, cy + CENTER, *distortion[: len(MODELS[model][0])]
     return " ".join((model, *map(str, size), *(f"{value:.17g}" for value in parameters)))

@@ -55,7 +55,6 @@ def load_mesh_file(
         raise SolariError(f"{path}: the unit must be from 1e-12 to 1e12 meters, not {unit}")
     if up not in (None, "x", "y", "z"):
         raise SolariError(f"{path}: up: the axis that points up is 'x', 'y' or 'z', not {quoted(up)}")
-    # From the file's axes and unit to the scene's.
     turn = _upright(up or UP_AXES[path.suffix.lower()]) * unit
     scene = Scene(name=path.stem)
     files = MtlFiles(path.parent)
@@ -187,24 +186,24 @@ def _plain(colored: bool) -> Material:
     return Material(base_color=np.full(3, 1.0 if colored else 0.6, np.float32), double_sided=True, name="default")
 
 
-def _rows(given: Any, width: int, count: int | None = None) -> NDArray[np.float64] | None:
+def _rows(values: Any, width: int, count: int | None = None) -> NDArray[np.float64] | None:
     """Finite numbers (count, width) from those that a file has for its vertices; None for what doesn't fit."""
     try:
         with np.errstate(invalid="ignore"):  # signaling NaN
-            rows = np.asarray(given, np.float64)[:, :width]
+            rows = np.asarray(values, np.float64)[:, :width]
     except (IndexError, TypeError, ValueError):
         return None
     fits = rows.shape == (len(rows) if count is None else count, width) and bool(np.isfinite(rows).all())
     return rows if fits else None
 
 
-def _colors(given: Any, count: int) -> NDArray[np.float32] | None:
+def _colors(values: Any, count: int) -> NDArray[np.float32] | None:
     """Linear colors (N, 3) of vertices from those of a file, which are sRGB."""
-    colors = _rows(given, 3, count)
+    colors = _rows(values, 3, count)
     if colors is None:
         return None
     # Integers are codes of 8 bits, floats are in [0, 1].
-    codes = colors if np.asarray(given).dtype.kind in "iu" else 255 * colors
+    codes = colors if np.asarray(values).dtype.kind in "iu" else 255 * colors
     linear: NDArray[np.float32] = LINEAR_OF_SRGB[np.rint(np.clip(codes, 0, 255)).astype(np.int64)]
     return linear
 

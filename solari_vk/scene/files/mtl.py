@@ -73,41 +73,41 @@ class MtlFiles:
         return self._materials.get(name)
 
     def _make(self, name: str, fields: dict[str, str]) -> Material:
-        given = {key.lower(): value for key, value in fields.items()}
+        properties = {key.lower(): value for key, value in fields.items()}
         known = {*_KNOWN, *_HARMLESS, *_TEXTURES}
         self.ignored |= dict.fromkeys(key for key in fields if key and key[0] != "#" and key.lower() not in known)
-        textures = self._read_textures(given)
-        color = _numbers(given.get("kd"), 0.8, 1.0)
-        emissive = _numbers(given.get("ke"), 0.0, 1e9)
+        textures = self._read_textures(properties)
+        color = _numbers(properties.get("kd"), 0.8, 1.0)
+        emissive = _numbers(properties.get("ke"), 0.0, 1e9)
         # Some programs write black beside a texture, which is meant to be seen.
         if "base_color_texture" in textures and not color.any():
             color = np.ones(3)
         if "emissive_texture" in textures and not emissive.any():
             emissive = np.ones(3)
         # The width of Blinn's highlight with the exponent Ns: Walter et al., "Microfacet models for refraction" (2007).
-        alpha = math.sqrt(2 / (_number(given.get("ns"), 30.0, 1e9) + 2))
+        alpha = math.sqrt(2 / (_number(properties.get("ns"), 30.0, 1e9) + 2))
         # F0 = ((n - 1) / (n + 1))^2 = 0.16 reflectance^2. A file without Ni means the usual 1.5, and so does Ni 1.
-        index = max(_number(given.get("ni"), 1.5, 10.0), 1.0)
+        index = max(_number(properties.get("ni"), 1.5, 10.0), 1.0)
         reflectance: Any = (index - 1) / (index + 1) / 0.4 if index > 1 else 0.5
-        opacity = _number(given.get("d"), 1.0 - _number(given.get("tr"), 0.0, 1.0), 1.0)
+        opacity = _number(properties.get("d"), 1.0 - _number(properties.get("tr"), 0.0, 1.0), 1.0)
         return Material(
             name=name,
             double_sided=True,
             base_color=color,
             emissive=emissive,
-            perceptual_roughness=_number(given.get("pr"), min(math.sqrt(alpha), 1.0), 1.0),
-            metallic=_number(given.get("pm"), 0.0, 1.0),
+            perceptual_roughness=_number(properties.get("pr"), min(math.sqrt(alpha), 1.0), 1.0),
+            metallic=_number(properties.get("pm"), 0.0, 1.0),
             reflectance=reflectance,
             alpha=opacity,
             alpha_mode="blend" if opacity < 1 else "opaque",
             **textures,
         )
 
-    def _read_textures(self, given: dict[str, str]) -> dict[str, Any]:
+    def _read_textures(self, properties: dict[str, str]) -> dict[str, Any]:
         """The textures of a material by the field of Material; without those that can't be read."""
         textures: dict[str, Any] = {}
         for key, field in _TEXTURES.items():
-            image = self._image(self._without_options(given[key])) if key in given else None
+            image = self._image(self._without_options(properties[key])) if key in properties else None
             if image is not None:
                 textures[field] = image
         return textures

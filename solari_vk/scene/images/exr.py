@@ -63,7 +63,8 @@ class ExrImage:
         try:
             # This interface reads from memory; the newer one, OpenEXR.File, from paths alone.
             picture = OpenEXR.InputFile(BytesIO(self._data))
-            kind, size = Imath.PixelType(Imath.PixelType.FLOAT), (self.height, self.width)
+            kind = Imath.PixelType(Imath.PixelType.FLOAT)
+            size = (self.height, self.width)
             every = [*names, "A"] if "A" in self._channels else names
             values = [np.frombuffer(picture.channel(name, kind), np.float32).reshape(size) for name in every]
             return np.stack(values, axis=-1)
@@ -81,7 +82,8 @@ def chunk_bytes(data: bytes) -> int:
         flags, attributes, _ = _header(data)
         left, _, right, _ = struct.unpack("<4i", attributes[b"dataWindow"])
         pixel_bytes = sum(2 if kind == _HALF else 4 for _, kind in _channels(attributes[b"channels"]))
-        width, lines = right - left + 1, max(_LINES)
+        width = right - left + 1
+        lines = max(_LINES)
         if flags & _TILED:
             tile_width, lines = struct.unpack_from("<II", attributes[b"tiles"])
             width = -(-width // tile_width) * tile_width
@@ -105,12 +107,14 @@ def _channels(attribute: bytes) -> Iterator[tuple[bytes, int]]:
 def _header(data: bytes) -> tuple[int, dict[bytes, bytes], int]:
     """The flags, the attributes by name, and where they end. Raises an error for a damaged one."""
     (flags,) = struct.unpack_from("<I", data, 4)
-    attributes, place = {}, 8
+    attributes = {}
+    place = 8  # after the magic number and the flags
     while data[place]:
         name_end = data.index(0, place)
         kind_end = data.index(0, name_end + 1)
         (size,) = struct.unpack_from("<I", data, kind_end + 1)
-        start, end = kind_end + 5, kind_end + 5 + size
+        start = kind_end + 5  # after a zero and the size
+        end = start + size
         attributes[data[place:name_end]] = data[start:end]
         place = end
     return flags, attributes, place

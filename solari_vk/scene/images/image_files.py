@@ -21,8 +21,8 @@ Pixels = NDArray[np.uint8]
 LARGEST_SIDE = 16_384
 LARGEST_PIXEL_COUNT = 2**27  # of one image: 512 MiB as RGBA
 _BYTES_PER_PIXEL = 8  # RGBA, and what it is decoded to
-# Of a pixel, while it is decoded.
-_WORKING_BYTES, _WORKING_BYTES_OF = 12, {"WEBP": 20, "DDS": 40, "EXR": 40}
+_WORKING_BYTES = 12  # of a pixel, while it is decoded
+_WORKING_BYTES_OF = {"WEBP": 20, "DDS": 40, "EXR": 40}
 _BYTE_OF_16_BITS = np.rint(np.arange(2**16) / 257).astype(np.uint8)
 
 

@@ -71,10 +71,10 @@ class Ktx2Image:
         data = _expanded(self._level, size, self._scheme, who)
         if len(data) != size:
             raise SolariError(f"{who} is a KTX2 file with {len(data)} bytes of pixels instead of {size}: save it again")
-        given = np.frombuffer(data, np.uint8).reshape(self.height, self.width, len(channels))
+        stored = np.frombuffer(data, np.uint8).reshape(self.height, self.width, len(channels))
         pixels = np.zeros((self.height, self.width, 4), np.uint8)
         pixels[..., 3] = 255
-        pixels[..., ["rgba".index(channel) for channel in channels]] = given
+        pixels[..., ["rgba".index(channel) for channel in channels]] = stored
         return pixels
 
 

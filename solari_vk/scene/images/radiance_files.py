@@ -34,7 +34,8 @@ def read_radiance(path: str | os.PathLike[str], data: bytes | None = None) -> Fl
     data: the file's content, if that is read already. Warns of a picture that isn't twice as wide as high. Raises
     SolariError for files that are missing, damaged, too large or of another kind.
     """
-    image, source = read_colors(path, data), Path(path)
+    image = read_colors(path, data)
+    source = Path(path)
     height, width = image.shape[:2]
     if width != 2 * height:
         text = f"{source} has {width} x {height} pixels; a picture of all directions is twice as wide as high"
@@ -110,7 +111,8 @@ def _read_hdr(data: bytes, source: Path) -> FloatArray:
     found = _HEADER.match(data[:_LONGEST_HEADER])
     if found is None:
         raise SolariError(f"{source} is not a Radiance picture: its header is missing")
-    header, line = found["fields"], found["size"]
+    header = found["fields"]
+    line = found["size"]
     if b"FORMAT=32-bit_rle_xyze" in header:
         raise SolariError(f"{source} holds XYZ colors: convert it to RGBE, for example by ra_xyze -r")
     size = _SIZE.fullmatch(line)

@@ -19,8 +19,10 @@ Floats = NDArray[np.floating[Any]]
 # Lengths in km, coefficients in 1/km for red, green and blue.
 GROUND, TOP = 6360.0, 6460.0  # radii of the ground and of the end of the atmosphere
 EYE = GROUND + 0.002
-RAYLEIGH, RAYLEIGH_HEIGHT = np.array((5.802, 13.558, 33.1)) * 1e-3, 8.0
-HAZE_HEIGHT, HAZE_ALBEDO = 1.2, 0.9
+RAYLEIGH = np.array((5.802, 13.558, 33.1)) * 1e-3
+RAYLEIGH_HEIGHT = 8.0
+HAZE_HEIGHT = 1.2
+HAZE_ALBEDO = 0.9
 HAZE_FORWARD = 0.8  # the mean cosine by which haze scatters light: Cornette and Shanks (1992)
 OZONE = np.array((0.650, 1.881, 0.085)) * 1e-3
 OZONE_CENTER, OZONE_HALF_WIDTH = 25.0, 15.0  # of a layer that is densest in its middle
@@ -59,7 +61,8 @@ class Atmosphere:
         radius = np.sqrt((np.linspace(0, 1, 32)[:, None] * horizon) ** 2 + GROUND**2)
         # As in Bruneton's implementation of 2017, rays are told apart by the length of their way to the top, from
         # straight up to along the horizon, which spends the table where the transmittance changes fast.
-        shortest, longest = TOP - radius, np.sqrt(np.maximum(radius**2 - GROUND**2, 0)) + horizon
+        shortest = TOP - radius
+        longest = np.sqrt(np.maximum(radius**2 - GROUND**2, 0)) + horizon
         length = shortest + np.linspace(0, 1, 128) * (longest - shortest)
         cosine = np.ones_like(length)
         np.divide(TOP**2 - radius**2 - length**2, 2 * radius * length, out=cosine, where=length > 0)
@@ -68,8 +71,8 @@ class Atmosphere:
         along = length[..., None] * share**2
         weight = length[..., None] * (2 * share / 64)
         height = np.sqrt(radius[..., None] ** 2 + along**2 + 2 * radius[..., None] * cosine[..., None] * along) - GROUND
-        _, _, taken = self.scattering(height)
-        found: Floats = np.exp(-(taken * weight[..., None]).sum(axis=-2))
+        _, _, extinction = self.scattering(height)
+        found: Floats = np.exp(-(extinction * weight[..., None]).sum(axis=-2))
         return found
 
     def transmittance(self, radius: Floats, cosine: Floats) -> Floats:
@@ -78,7 +81,8 @@ class Atmosphere:
         rim = np.sqrt(np.maximum(radius**2 - GROUND**2, 0))
         under_root = radius**2 * (cosine**2 - 1)
         length = -radius * cosine + np.sqrt(np.maximum(under_root + TOP**2, 0))
-        shortest, longest = TOP - radius, rim + horizon
+        shortest = TOP - radius
+        longest = rim + horizon
         share = (length - shortest) / np.maximum(longest - shortest, 1e-9)
         found = interpolate(self._transmittances, rim / horizon * 31, share * 127)
         # A ray that goes down and meets the ground brings no sunlight.
@@ -121,10 +125,10 @@ class Atmosphere:
             at = end * ((step + 0.5) / steps)
             here = np.sqrt(radius**2 + at**2 + 2 * radius * up * at)
             sun = (radius * cosine + at * toward_sun) / here
-            air, haze, taken = self.scattering(here - GROUND)
-            # Within a step the light that is scattered towards the eye is integrated exactly: (1 - lost) / taken.
-            lost = np.exp(-taken * (end / steps)[..., None])
-            share = seen * (air + haze) * (1 - lost) / np.maximum(taken, 1e-12)
+            air, haze, extinction = self.scattering(here - GROUND)
+            # Within a step the light that is scattered towards the eye is integrated exactly: (1 - lost) / extinction.
+            lost = np.exp(-extinction * (end / steps)[..., None])
+            share = seen * (air + haze) * (1 - lost) / np.maximum(extinction, 1e-12)
             light += share * self.transmittance(here, sun) / (4 * np.pi)
             back += share
             seen = seen * lost
@@ -167,20 +171,23 @@ def sky_map(air: Atmosphere, sun_height: float) -> Floats:
     # follow for each texel.
     rows = np.linspace(0, 1, _ROWS) ** 2 * (np.pi / 2)  # elevations, densest at the horizon
     turns = np.linspace(0, np.pi, _TURNS)
-    up, turn = np.sin(rows)[:, None] * np.ones(_TURNS), turns * np.ones((_ROWS, 1))
+    up = np.sin(rows)[:, None] * np.ones(_TURNS)
+    turn = turns * np.ones((_ROWS, 1))
     toward_sun = up * sun_height + np.sqrt((1 - up**2) * (1 - sun_height**2)) * np.cos(turn)
     end = -EYE * up + np.sqrt(EYE**2 * (up**2 - 1) + TOP**2)
     seen = np.ones((*up.shape, 3))
     by_air, by_haze, by_all = (np.zeros((*up.shape, 3)) for _ in range(3))
     for step in range(_STEPS):
         # As above, steps grow with the square.
-        first, last = (step / _STEPS) ** 2, ((step + 1) / _STEPS) ** 2
-        at, length = end * ((step + 0.5) / _STEPS) ** 2, end * (last - first)
+        first = (step / _STEPS) ** 2
+        last = ((step + 1) / _STEPS) ** 2
+        at = end * ((step + 0.5) / _STEPS) ** 2
+        length = end * (last - first)
         here = np.sqrt(EYE**2 + at**2 + 2 * EYE * up * at)
         sun = (EYE * sun_height + at * toward_sun) / here
-        air_here, haze_here, taken = air.scattering(here - GROUND)
-        lost = np.exp(-taken * length[..., None])
-        share = seen * (1 - lost) / np.maximum(taken, 1e-12)
+        air_here, haze_here, extinction = air.scattering(here - GROUND)
+        lost = np.exp(-extinction * length[..., None])
+        share = seen * (1 - lost) / np.maximum(extinction, 1e-12)
         arriving = air.transmittance(here, sun)
         by_air += share * air_here * arriving
         by_haze += share * haze_here * arriving

@@ -44,10 +44,10 @@ class DirectionalLight(Light):
     _derived = ("kelvin",)
 
     @classmethod
-    def _resolve(cls, given: dict[str, Any], current: Any) -> dict[str, Any]:
-        if "color" in given:
+    def _resolve(cls, fields: dict[str, Any], current: Any) -> dict[str, Any]:
+        if "color" in fields:
             raise SolariError(f"{cls.__name__}: kelvin makes color: give one of them")
-        return {"color": kelvin(given.pop("kelvin")), **given}
+        return {"color": kelvin(fields.pop("kelvin")), **fields}
 
     @property
     def axes(self) -> tuple[str, ...]:

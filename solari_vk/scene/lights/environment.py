@@ -70,12 +70,12 @@ def _image(value: Any) -> FloatArray:
         from solari_vk.scene.images.radiance_files import read_radiance
 
         value = read_radiance(value)
-    given = np.asarray(value)
-    if given.ndim in (0, 1):  # one color in all directions
-        given = np.broadcast_to(given, (1, 1, 3))
-    elif given.ndim == 2:
-        given = np.stack([given] * 3, axis=-1)
-    image: FloatArray = checks.array(None, None, 3, max_abs=checks.LARGEST_RADIANCE)(given)
+    texels = np.asarray(value)
+    if texels.ndim in (0, 1):  # one color in all directions
+        texels = np.broadcast_to(texels, (1, 1, 3))
+    elif texels.ndim == 2:
+        texels = np.stack([texels] * 3, axis=-1)
+    image: FloatArray = checks.array(None, None, 3, max_abs=checks.LARGEST_RADIANCE)(texels)
     if 0 in image.shape:
         raise ValueError("must have at least one pixel")
     if image.min() < 0:
@@ -108,12 +108,12 @@ def halved_to(image: FloatArray, rows: int) -> FloatArray:
 
 def _rotation(value: ArrayLike) -> FloatArray:
     """A rotation matrix (3, 3), from one or from an angle in radians about the y axis."""
-    given = np.asarray(value, np.float64)
-    if given.ndim == 0:
-        checks.refuse_not_finite(given[None])
-        given = rotation((0, 1, 0), float(given))
-    matrix: FloatArray = checks.array(3, 3)(given)
-    if not is_rotation(given):
+    turn = np.asarray(value, np.float64)
+    if turn.ndim == 0:
+        checks.refuse_not_finite(turn[None])
+        turn = rotation((0, 1, 0), float(turn))
+    matrix: FloatArray = checks.array(3, 3)(turn)
+    if not is_rotation(turn):
         raise ValueError("must be an angle in radians, or a rotation matrix (3, 3), which neither scales nor mirrors")
     return matrix
 

@@ -54,13 +54,13 @@ class Portal(Light):
         transform (4, 4): from the mesh to the world, by default the instance's. Raises SolariError for a mesh of
         another shape.
         """
-        given = getattr(mesh, "transform", np.eye(4)) if transform is None else transform
         shape = getattr(mesh, "mesh", mesh)
         points = getattr(shape, "positions", None)
         if points is None:
             raise SolariError(f"Portal.from_mesh: needs a Mesh or an Instance, not {type(mesh).__name__}")
+        to_world = getattr(mesh, "transform", np.eye(4)) if transform is None else transform
         try:
-            matrix = checks.affine_transform(given)
+            matrix = checks.affine_transform(to_world)
         except (TypeError, ValueError) as error:
             raise SolariError(f"Portal.from_mesh: transform {error}") from None
         corners = np.unique(points[shape.triangles.reshape(-1)], axis=0).astype(np.float64)
@@ -78,7 +78,8 @@ class Portal(Light):
         beside = np.delete(apart, [0, opposite.argmin()], axis=0)[0]
         center, first, second = transform_points(matrix, np.stack([center, corners[0], center + beside]))
         # Neighboring corners are sum and difference of the half sides.
-        a, b = first - center, second - center
+        a = first - center
+        b = second - center
         return cls(center, (a - b) / 2, (a + b) / 2, name=name or getattr(mesh, "name", ""))
 
     @property

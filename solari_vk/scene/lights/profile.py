@@ -40,12 +40,12 @@ class LightProfile:
     positive vertical angles turn towards `horizontal`, and positive horizontal ones clockwise. In A the vertical, in B
     the horizontal angle is from the plane in which the other one is measured. Planes that are left out because of
     symmetry (horizontal angles from 0 to 0, 90 or 180, or 90 to 270, of C; from 0 on, of A and B) are mirrored.
-    Directions outside the given angles are dark. Raises SolariError if these numbers don't fit together.
+    Directions outside the measured angles are dark. Raises SolariError if these numbers don't fit together.
 
     The device has a table of it, every half degree of type C's vertical angles and every degree of its horizontal ones,
-    between which it is linear. Where the given angles are closer together, entries of the table are means, so that
+    between which it is linear. Where the measured angles are closer together, entries of the table are means, so that
     narrow beams keep their flux but are wider and less bright than measured: those of half a degree by a half degree.
-    The edge of what is dark is as soft. A warning says where the given angles are too close together even for means.
+    The edge of what is dark is as soft. A warning says where the measured angles are too close together even for means.
     """
 
     def __init__(
@@ -140,8 +140,9 @@ class LightProfile:
     @cached_property
     def shares(self) -> NDArray[np.float32]:
         """Intensities divided by the largest one, at vertical angles of C from 0 to 180 degrees, and horizontal ones of
-        0, 1, ... 359 degrees (361, 360); (361, 1) if all planes are alike. Means where given angles are closer."""
-        table, step = self._rings(np.linspace(0, math.pi, ROWS)), math.radians(_STEP)
+        0, 1, ... 359 degrees (361, 360); (361, 1) if all planes are alike. Means where measured angles are closer."""
+        table = self._rings(np.linspace(0, math.pi, ROWS))
+        step = math.radians(_STEP)
         finest, around = self._fineness
         most = _MOST_SAMPLES * COLUMNS // (table.shape[1] * self._samples_around(1.0))
         if finest.min() < _STEP / most or around < 1 / _MOST_AROUND:
@@ -149,16 +150,18 @@ class LightProfile:
                 f"{self.name}: angles only {min(finest.min(), around):g} degrees apart are too close: narrow "
                 "beams may lose light: leave angles out"
             )
-        # A row is a mean if the given angles are finer than the table on either side of it.
+        # A row is a mean if the measured angles are finer than the table on either side of it.
         fine = np.pad(np.isfinite(finest), 1)
         means = fine[:-1] | fine[1:]
-        sums, weights = np.zeros_like(table), np.zeros((ROWS, 1))
+        sums = np.zeros_like(table)
+        weights = np.zeros((ROWS, 1))
         for gap in np.flatnonzero(means[:-1] | means[1:]):
             count = int(np.clip(np.ceil(4 * _STEP / finest[gap]), 8, most))
             along = (np.arange(count) + 0.5) / count
             # Each sample counts for both rows around it, as much as linear interpolation takes of them, by its ring's
             # area: the flux stays.
-            light, area = self._rings((gap + along) * step), np.sin((gap + along) * step)
+            light = self._rings((gap + along) * step)
+            area = np.sin((gap + along) * step)
             for row, share in ((gap, (1 - along) * area), (gap + 1, along * area)):
                 sums[row] += share @ light / count
                 weights[row] += share.sum() / count
@@ -193,9 +196,10 @@ class LightProfile:
 
     @cached_property
     def _fineness(self) -> tuple[FloatArray, float]:
-        """The smallest step of given angles between two rows of the table each (360,), and between its columns, in
+        """The smallest step of measured angles between two rows of the table each (360,), and between its columns, in
         degrees; infinite where none is smaller than the table's."""
-        finest, steps = np.full(ROWS - 1, np.inf), np.diff(self.vertical)
+        finest = np.full(ROWS - 1, np.inf)
+        steps = np.diff(self.vertical)
         around = float(np.diff(self.horizontal).min(initial=np.inf))
         if self.photometry == "C":
             fine = steps < _STEP * (1 - 1e-6)
@@ -229,15 +233,16 @@ class LightProfile:
         if self.photometry == "C":
             return self._interpolated(*np.broadcast_arrays(np.degrees(vertical), self._plane(np.degrees(horizontal))))
         # Types A and B: a direction by its parts along the two axes of the lamp and to the right.
-        forward, up = np.cos(vertical), np.sin(vertical) * np.cos(horizontal)
+        forward = np.cos(vertical)
+        up = np.sin(vertical) * np.cos(horizontal)
         right = -np.sin(vertical) * np.sin(horizontal)
         if self.photometry == "B":
             angles = np.arctan2(up, forward), np.arcsin(np.clip(right, -1, 1))
         else:
             angles = np.arcsin(np.clip(up, -1, 1)), np.arctan2(right, forward)
         mirrored = (
-            abs(angle) if given[0] == 0 else angle
-            for angle, given in zip(angles, (self.vertical, self.horizontal), strict=True)
+            abs(angle) if measured[0] == 0 else angle
+            for angle, measured in zip(angles, (self.vertical, self.horizontal), strict=True)
         )
         return self._interpolated(*np.broadcast_arrays(*map(np.degrees, mirrored)))
 
@@ -257,11 +262,12 @@ class LightProfile:
         # Bilinear between the four measured directions around.
         row, along = _between(self.vertical, vertical)
         column, across = _between(self.horizontal, horizontal)
-        below, right = np.minimum(row + 1, len(self.vertical) - 1), np.minimum(column + 1, len(self.horizontal) - 1)
+        below = np.minimum(row + 1, len(self.vertical) - 1)
+        right = np.minimum(column + 1, len(self.horizontal) - 1)
         near, far = (self.candelas[at, row] * (1 - along) + self.candelas[at, below] * along for at in (column, right))
         inside = np.ones(vertical.shape, bool)
-        for angles, given in ((vertical, self.vertical), (horizontal, self.horizontal)):
-            inside &= (angles >= given[0] - 1e-6) & (angles <= given[-1] + 1e-6)
+        for angles, measured in ((vertical, self.vertical), (horizontal, self.horizontal)):
+            inside &= (angles >= measured[0] - 1e-6) & (angles <= measured[-1] + 1e-6)
         return np.where(inside, near * (1 - across) + far * across, 0.0)
 
     def _numbers(self, values: ArrayLike, what: str) -> FloatArray:
@@ -327,8 +333,8 @@ def _is_number(word: str) -> bool:
         return False
 
 
-def _between(given: FloatArray, angles: FloatArray) -> tuple[NDArray[np.intp], FloatArray]:
-    """For each angle the given one below, and the share of the way to the next."""
-    at = np.clip(np.searchsorted(given, angles, side="right") - 1, 0, max(len(given) - 2, 0))
-    step = np.append(np.diff(given), 1.0)[at]
-    return at, np.clip((angles - given[at]) / step, 0, 1)
+def _between(measured: FloatArray, angles: FloatArray) -> tuple[NDArray[np.intp], FloatArray]:
+    """For each angle the measured one below, and the share of the way to the next."""
+    at = np.clip(np.searchsorted(measured, angles, side="right") - 1, 0, max(len(measured) - 2, 0))
+    step = np.append(np.diff(measured), 1.0)[at]
+    return at, np.clip((angles - measured[at]) / step, 0, 1)

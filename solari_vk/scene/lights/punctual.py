@@ -46,23 +46,23 @@ class PunctualLight(Light):
     _derived: ClassVar[tuple[str, ...]] = ("lumens", "kelvin")
 
     @classmethod
-    def _resolve(cls, given: dict[str, Any], current: Any) -> dict[str, Any]:
+    def _resolve(cls, fields: dict[str, Any], current: Any) -> dict[str, Any]:
         for name, made in (("lumens", "intensity"), ("kelvin", "color")):
-            if name in given and made in given:
+            if name in fields and made in fields:
                 raise SolariError(f"{cls.__name__}: {name} makes {made}: give one of them")
-        if "kelvin" in given:
-            given["color"] = kelvin(given.pop("kelvin"))
-        if "lumens" in given:
+        if "kelvin" in fields:
+            fields["color"] = kelvin(fields.pop("kelvin"))
+        if "lumens" in fields:
             try:
-                flux = checks.number(0, 1e15, "lm")(given.pop("lumens"))
+                flux = checks.number(0, 1e15, "lm")(fields.pop("lumens"))
             except (TypeError, ValueError) as error:
                 raise SolariError(f"{cls.__name__}: lumens {error}") from None
-            # Of the cone or profile that is given with the lumens, else of the present one.
-            given["intensity"] = flux / cls._solid_angle_of(given, current)
-        return given
+            # Of the cone or profile that is set together with the lumens, else of the present one.
+            fields["intensity"] = flux / cls._solid_angle_of(fields, current)
+        return fields
 
     @classmethod
-    def _solid_angle_of(cls, given: dict[str, Any], current: Any) -> float:
+    def _solid_angle_of(cls, fields: dict[str, Any], current: Any) -> float:
         """`solid_angle` after fields are assigned."""
         raise NotImplementedError
 
@@ -137,27 +137,27 @@ class PointLight(PunctualLight):
     _derived = (*PunctualLight._derived, "ies")
 
     @classmethod
-    def _resolve(cls, given: dict[str, Any], current: Any) -> dict[str, Any]:
-        if "ies" in given:
-            if "profile" in given:
+    def _resolve(cls, fields: dict[str, Any], current: Any) -> dict[str, Any]:
+        if "ies" in fields:
+            if "profile" in fields:
                 raise SolariError(f"{cls.__name__}: ies makes profile: give one of them")
-            file = given.pop("ies")
-            given["profile"] = profile = file if isinstance(file, LightProfile) else _read(file)
+            file = fields.pop("ies")
+            fields["profile"] = profile = file if isinstance(file, LightProfile) else _read(file)
             # A file says both the distribution and the brightness; the latter may be set apart.
-            if not {"intensity", "lumens"} & given.keys():
-                given["intensity"] = profile.peak
-        if "lumens" in given and cls._solid_angle_of(given, current) == 0:
-            name = (given.get("profile") or current.profile).name
+            if not {"intensity", "lumens"} & fields.keys():
+                fields["intensity"] = profile.peak
+        if "lumens" in fields and cls._solid_angle_of(fields, current) == 0:
+            name = (fields.get("profile") or current.profile).name
             raise SolariError(
                 f"{cls.__name__}: lumens can't be given with the profile '{name}', which is wholly dark: "
                 "give another profile"
             )
-        return super()._resolve(given, current)
+        return super()._resolve(fields, current)
 
     @classmethod
-    def _solid_angle_of(cls, given: dict[str, Any], current: Any) -> float:
+    def _solid_angle_of(cls, fields: dict[str, Any], current: Any) -> float:
         # Without a profile the same in all directions.
-        profile = given.get("profile", getattr(current, "profile", None))
+        profile = fields.get("profile", getattr(current, "profile", None))
         return profile.solid_angle if isinstance(profile, LightProfile) else 4 * math.pi
 
     @property
@@ -216,10 +216,10 @@ class SpotLight(PunctualLight):
         return 1 / (inner - outer), -outer / (inner - outer)
 
     @classmethod
-    def _solid_angle_of(cls, given: dict[str, Any], current: Any) -> float:
+    def _solid_angle_of(cls, fields: dict[str, Any], current: Any) -> float:
         angles = []
         for name in ("inner_cone_angle", "outer_cone_angle"):
-            value = given.get(name, getattr(cls if current is None else current, name))
+            value = fields.get(name, getattr(cls if current is None else current, name))
             try:
                 angles.append(cls._converters[name](value))
             except (TypeError, ValueError) as error:

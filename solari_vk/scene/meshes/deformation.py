@@ -40,8 +40,8 @@ class Deformation:
             raise SolariError("Deformation: give joints and joint_weights together")
         if self.joints is not None and self.joint_weights is not None:
             if self.joints.shape != self.joint_weights.shape or 0 in self.joints.shape:
-                given = f"{self.joints.shape} and {self.joint_weights.shape}"
-                raise SolariError(f"Deformation: joints and joint_weights must have one shape (N, K), not {given}")
+                shapes = f"{self.joints.shape} and {self.joint_weights.shape}"
+                raise SolariError(f"Deformation: joints and joint_weights must have one shape (N, K), not {shapes}")
             self._normalize_weights(self.joints, self.joint_weights)
         if self.joints is None and self.targets is None:
             raise SolariError("Deformation: give joints and joint_weights, targets or both")
@@ -210,7 +210,8 @@ class Deformation:
         if there are none."""
         points = positions.astype(np.float64)
         if self.joints is None or self.joint_weights is None:
-            groups, joints = [points], np.zeros(1, np.int64)
+            groups = [points]
+            joints = np.zeros(1, np.int64)
         else:
             vertices, columns = np.nonzero(self.joint_weights > 0)
             used = self.joints[vertices, columns]

@@ -19,7 +19,8 @@ Floats = NDArray[np.float64]
 MAX_POINTS = 2**20  # beyond that the corners of bounding boxes stand for vertices
 MAX_TRIANGLES = 2**16  # that rays see: the largest
 DIRECTION_COUNT = 192
-FEW_DIRECTIONS, SLACK_OF_FEW = 24, 0.25  # for a first test, which decides most places
+FEW_DIRECTIONS = 24  # for a first test, which decides most places
+SLACK_OF_FEW = 0.25  # by which this test lowers the shares below, since few directions say them roughly
 # The center of a room sees front faces in this share of directions, and has a ceiling at a height in meters. Jars and
 # boxes enclose their center too, but are smaller.
 ROOM_SHARE = 0.8
@@ -31,7 +32,8 @@ FLOOR_SHARE = 0.5  # of steep rays that meet a level surface, if it is a floor
 DOME_SHARE = 0.4  # in which a dome is seen, also one without its lower half
 CLOSED_SHARE = 0.95  # in which something is met, where no light gets in
 MOST_INSIDE = 0.7  # of a dome's size, for what it is the background of
-STEEP, LEVEL = 0.6, 0.97  # the sine of a steep view, and the cosine of the slope of a level surface
+STEEP = 0.6  # the sine of a steep view
+LEVEL = 0.97  # the cosine of the slope of a level surface
 # Where a room is looked for: shares of the scene's bounds, and a height above them in meters that replaces the share.
 PLACES = (((0.5, 0.5, 0.5), None), *(((x, 0.0, z), 1.6) for x in (0.5, 0.25, 0.75) for z in (0.5, 0.25, 0.75)))
 
@@ -112,7 +114,8 @@ def find_dome(instances: list[Instance]) -> Dome | None:
     # Only what is larger than half of all counts as a background, and only the outermost of such instances.
     lows, highs = np.array([_box(instance) for instance in instances]).swapaxes(0, 1)
     sizes = np.linalg.norm(highs - lows, axis=1)
-    whole, slack = np.linalg.norm(highs.max(axis=0) - lows.min(axis=0)), 0.01 * sizes[:, None]
+    whole = np.linalg.norm(highs.max(axis=0) - lows.min(axis=0))
+    slack = 0.01 * sizes[:, None]
     shells, inside = np.zeros((2, len(instances)), np.bool_)
     for index in np.flatnonzero(sizes > whole / 2):
         low, high = lows[index], highs[index]
@@ -144,7 +147,8 @@ def place_of(camera: Camera, instances: list[Instance]) -> tuple[Room, bool]:
 
 
 def _is_dome(instance: Instance, low: Floats, high: Floats) -> bool:
-    center, triangles = (low + high) / 2, largest_triangles([instance])
+    center = (low + high) / 2
+    triangles = largest_triangles([instance])
     few = trace(center, _directions(FEW_DIRECTIONS), triangles)
     if (np.isfinite(few.distance) if instance.material.unlit else few.front).mean() < DOME_SHARE - SLACK_OF_FEW:
         return False

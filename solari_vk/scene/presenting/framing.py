@@ -82,8 +82,10 @@ def _around(points: Floats, turns: list[float], aspect: float) -> Camera:
 
 def _outermost(points: Floats) -> Floats:
     """Of points (N, 3) those that are the farthest in any of many directions."""
+    # The directions are a lattice of Fibonacci's, which covers a sphere evenly.
     number = np.arange(DIRECTIONS)
-    height, turn = 1 - (2 * number + 1) / DIRECTIONS, math.pi * (1 + math.sqrt(5)) * number  # Fibonacci's lattice
+    height = 1 - (2 * number + 1) / DIRECTIONS
+    turn = math.pi * (1 + math.sqrt(5)) * number
     level = np.sqrt(1 - height**2)
     directions = np.stack([level * np.cos(turn), height, level * np.sin(turn)], axis=1)
     found: Floats = points[np.unique([int(np.argmax(points @ direction)) for direction in directions])]

@@ -55,7 +55,8 @@ def _box(
     toward: NDArray[np.float64], heading: float, height: float, half_width: float, half_height: float
 ) -> NDArray[np.float64]:
     """How much of a soft box each direction sees, from 0 to 1."""
-    angle, up = math.radians(heading), math.radians(height)
+    angle = math.radians(heading)
+    up = math.radians(height)
     center = np.array((math.sin(angle) * math.cos(up), math.sin(up), math.cos(angle) * math.cos(up)))
     side = np.array((math.cos(angle), 0.0, -math.sin(angle)))
     along = toward @ center
@@ -89,7 +90,8 @@ def add_floor(scene: Scene, albedo: float) -> None:
     """Add a matte round floor just under the scene's bounds, as its backdrop."""
     if scene.backdrop is not None and scene.backdrop in scene.instances:
         scene.remove(scene.backdrop)
-    bounds, sides = scene.bounds, 64
+    bounds = scene.bounds
+    sides = 64
     turns = np.linspace(0, 2 * math.pi, sides, endpoint=False)
     # So large that its edge is at the horizon, and a little below what stands on it, or both would lie in one plane.
     rim = FLOOR_IN_RADII * bounds.radius * np.stack([np.cos(turns), np.zeros(sides), -np.sin(turns)], axis=-1)

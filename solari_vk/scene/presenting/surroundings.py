@@ -17,7 +17,8 @@ from solari_vk.scene.presenting.studio_lights import add_floor, add_lamp, headin
 # In cd/m^2, of emissive surfaces that light a scene: a tenth of the studio's walls, or a fifth if none is brighter than
 # white paper there. Weaker ones are signs, screens and labels.
 LEAST_EMISSION, LEAST_OF_PAPER = 0.04, 0.08
-SUN_HEADING, SUN_HEIGHT = math.radians(-50), math.radians(40)  # from the camera's heading, and above the horizon
+SUN_HEADING = math.radians(-50)  # from the camera's heading
+SUN_HEIGHT = math.radians(40)  # above the horizon
 
 
 def surround(scene: Scene, camera: Camera, kind: str) -> tuple[str, bool]:
@@ -28,10 +29,10 @@ def surround(scene: Scene, camera: Camera, kind: str) -> tuple[str, bool]:
     alone lights it, which suits EV100 0.
     """
     lit = any(light.emits for light in scene.lights) or _is_lit_by_surfaces(scene)
-    given = ""
+    remedy = ""
     if kind == "auto" and not lit:
         visible = [instance for instance in scene if instance.visible]
-        kind, given = _light_within(scene, visible, camera) if visible else ("studio", "shown in a studio")
+        kind, remedy = _light_within(scene, visible, camera) if visible else ("studio", "shown in a studio")
     match kind:
         case "auto":
             pass
@@ -43,7 +44,7 @@ def surround(scene: Scene, camera: Camera, kind: str) -> tuple[str, bool]:
             _add_sky(scene, camera, lit)
         case _:
             scene.environment = Environment(kind)
-    return given, kind == "studio" and not lit
+    return remedy, kind == "studio" and not lit
 
 
 def _is_lit_by_surfaces(scene: Scene) -> bool:
@@ -53,7 +54,7 @@ def _is_lit_by_surfaces(scene: Scene) -> bool:
 
 
 def _light_within(scene: Scene, visible: list[Instance], camera: Camera) -> tuple[str, str]:
-    """A lamp, where the light of a studio doesn't get in. Returns the surroundings, and words for what was given."""
+    """A lamp, where the light of a studio doesn't get in. Returns the surroundings, and a remark on them."""
     dome = find_dome(visible)
     room = find_room(visible, extent(visible)) if dome is None else None
     if room is not None:

@@ -53,17 +53,19 @@ class Accessors:
 
     def provide(self, index: int, array: NDArray[Any], user: Entry) -> None:
         """Replace the data of an accessor by an array (count, components). Integers get the accessor's own type, also
-        those that are given as floats, as some encoders store joints."""
+        those that come as floats, as some encoders store joints."""
         entry = self._document.item("accessor", index, user)
-        component, width = _component(entry), _Layout(_component(entry), *_shape(entry)).width
+        component = _component(entry)
+        width = _Layout(component, *_shape(entry)).width
         if array.ndim != 2 or array.shape[1] != width:
             raise entry.error(f"has {width} components, but the data of {user.place} has the shape {array.shape}")
         if array.dtype.kind != "f" or (component.kind != "f" and not entry.flag("normalized", False)):
+            # A cast that loses a value is found by casting back.
             with np.errstate(invalid="ignore"):
-                # A cast that loses a value is found by casting back.
-                given, array = array, np.rint(array).astype(component)
-            if not (np.abs(given - array.astype(np.float64)) <= _ROUNDING).all():
+                converted = np.rint(array).astype(component)
+            if not (np.abs(array - converted.astype(np.float64)) <= _ROUNDING).all():
                 raise entry.error(f"has {component.name} values, which are too narrow for those of {user.place}")
+            array = converted
         self._floats.pop(index, None)
         self._provided[index] = array
 
@@ -100,13 +102,14 @@ class Accessors:
         entry = self._document.item("accessor", index, user)
         self._check_kind(entry, user, kinds)
         array = self._decode(index, entry)
-        if array.dtype.kind != "u":
-            entry.charge(4 * array.size, "its data")
-            with np.errstate(invalid="ignore"):
-                given, array = array, array.astype(np.uint32)
-            if (array != given).any():
-                raise entry.error(f"(used by {user.place}) must hold unsigned integers, not {given.dtype.name}")
-        return array
+        if array.dtype.kind == "u":
+            return array
+        entry.charge(4 * array.size, "its data")
+        with np.errstate(invalid="ignore"):
+            integers = array.astype(np.uint32)
+        if (integers != array).any():
+            raise entry.error(f"(used by {user.place}) must hold unsigned integers, not {array.dtype.name}")
+        return integers
 
     def count(self, index: int, user: Entry) -> int:
         """The number of elements, without decoding them."""

@@ -42,8 +42,9 @@ def make_camera(document: Document, node: PlacedNode, report: Report) -> Camera 
     if lens is None:
         report.add("orthographic cameras without a height are left out", node.entry.place)
         return None
-    own = read_extras(entry, CAMERA_EXTRAS) | {"name": node.entry.name or entry.name}
-    return Camera(transform=transform, **lens | own)
+    # Extras come last: they have the field of view that glTF couldn't say.
+    fields = lens | read_extras(entry, CAMERA_EXTRAS)
+    return Camera(transform=transform, **fields, name=node.entry.name or entry.name)
 
 
 def read_lens(entry: Entry) -> dict[str, Any] | None:

@@ -201,7 +201,8 @@ class Document:
         if buffer is None:
             buffer = self._buffers[number] = self._load_buffer(number, part)
             self.buffer_bytes += len(buffer)
-        offset, length = part.integer("byteOffset", 0), part.integer("byteLength", low=1)
+        offset = part.integer("byteOffset", 0)
+        length = part.integer("byteLength", low=1)
         if offset + length > len(buffer):
             raise part.error(
                 f"reaches from byte {offset} to {shown(offset + length)} of buffer {number}, which has only "
@@ -324,7 +325,8 @@ def _unpacked_size(part: Entry) -> int:
 
 def _unpack(part: Entry, data: NDArray[np.uint8]) -> NDArray[np.uint8]:
     """The bytes of a view without compression."""
-    count, stride = part.integer("count"), part.integer("byteStride", low=1, high=256)
+    count = part.integer("count")
+    stride = part.integer("byteStride", low=1, high=256)
     mode = part.text("mode", None, ("ATTRIBUTES", "TRIANGLES", "INDICES"))
     kind = part.text("filter", "NONE", _MESHOPT_FILTERS)
     library = libraries.library(_MESHOPT, f"{part.file}: {part.place}")

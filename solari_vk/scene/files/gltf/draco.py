@@ -43,7 +43,8 @@ class DracoMeshes:
         mesh = self._mesh(packed)
         arrays = {attribute["unique_id"]: attribute["data"] for attribute in mesh.attributes}
         for name in ids.data:
-            accessor, number = attributes.index(name), ids.integer(name)
+            accessor = attributes.index(name)
+            number = ids.integer(name)
             if number not in arrays:
                 raise ids.error(f"names the attribute {number} for {name}, which the data doesn't have")
             if accessor is not None:

@@ -20,7 +20,8 @@ from solari_vk.scene.lights.profile import LightProfile
 from solari_vk.scene.lights.punctual import PointLight, SpotLight
 from solari_vk.scene.matrices import upright
 
-EXTENSION, PROFILES = "KHR_lights_punctual", "EXT_lights_ies"
+EXTENSION = "KHR_lights_punctual"
+PROFILES = "EXT_lights_ies"
 MAX_INTENSITY = 1e15  # in lux or cd, of the scene's lights
 MIN_RANGE, MAX_RANGE = 1e-5, 1e18  # in meters, of the scene's lights; the latter is no limit
 LIGHT_EXTRAS = ("radius", "blocks_light", "angular_diameter")
@@ -43,7 +44,8 @@ class Lights:
         entry = self.entry(node)
         kind = entry.text("type", None, ("directional", "point", "spot"))
         fields = self.fields(entry)
-        place, (x, y, z) = upright(node.world), node.world[:3, 3]
+        place = upright(node.world)
+        x, y, z = node.world[:3, 3]
         if not max(abs(x), abs(y), abs(z)) <= LARGEST_COORDINATE or (place is None and kind != "point"):
             self._report.add("lights whose node's transform is singular are left out", node.entry.place)
             return None
@@ -59,7 +61,8 @@ class Lights:
         """The light with a profile of a node, which has the extension; None when it is left out, which is reported."""
         user = node.entry.extension(PROFILES)
         assert user is not None
-        profile, place = self._profile(user), upright(node.world)
+        profile = self._profile(user)
+        place = upright(node.world)
         if place is None or not np.abs(node.world[:3, 3]).max() <= LARGEST_COORDINATE:
             self._report.add("lights whose node's transform is singular are left out", node.entry.place)
             return None
@@ -85,7 +88,8 @@ class Lights:
 
     def _profile(self, user: Entry) -> LightProfile:
         """The profile that a node's extension names."""
-        number, extension = user.integer("light"), self._document.root.extension(PROFILES)
+        number = user.integer("light")
+        extension = self._document.root.extension(PROFILES)
         entries = extension.entries("lights", "light profile") if extension else []
         if number >= len(entries):
             raise user.error(f"refers to light profile {shown(number)}, but the file has only {len(entries)} of them")
@@ -100,7 +104,8 @@ class Lights:
 
     def fields(self, entry: Entry) -> dict[str, Any]:
         """The fields that a light of the file sets, but its place and name."""
-        kind, intensity = entry.text("type"), self._limited(entry.number("intensity", 1.0, low=0, high=1e30), entry)
+        kind = entry.text("type")
+        intensity = self._limited(entry.number("intensity", 1.0, low=0, high=1e30), entry)
         color = np.array(entry.numbers("color", (1.0, 1.0, 1.0), low=0, high=1e6), np.float32)
         if kind == "directional":
             return {"illuminance": intensity, "color": color}

@@ -48,6 +48,17 @@ _OF_EXTENSIONS: dict[str, dict[str, tuple[float, ...]]] = {
     "transmission": {"transmissionFactor": _ZERO},
     "volume": {"thicknessFactor": _ZERO, "attenuationColor": _WHITE, "attenuationDistance": (LARGEST_DISTANCE,)},
 }
+
+
+def _with_paths(extensions: dict[str, dict[str, tuple[float, ...]]]) -> dict[str, tuple[float, ...]]:
+    """The properties of extensions by their paths in a material."""
+    found = {}
+    for extension, keys in extensions.items():
+        for key, values in keys.items():
+            found[f"extensions/KHR_materials_{extension}/{key}"] = values
+    return found
+
+
 DEFAULTS: dict[str, dict[str, tuple[float, ...]]] = {
     "materials": {
         "pbrMetallicRoughness/baseColorFactor": (1.0, 1.0, 1.0, 1.0),
@@ -57,11 +68,7 @@ DEFAULTS: dict[str, dict[str, tuple[float, ...]]] = {
         "alphaCutoff": (0.5,),
         "normalTexture/scale": _UNIT,
     }
-    | {
-        f"extensions/KHR_materials_{extension}/{key}": values
-        for extension, keys in _OF_EXTENSIONS.items()
-        for key, values in keys.items()
-    },
+    | _with_paths(_OF_EXTENSIONS),
     "cameras": {
         "perspective/yfov": (math.pi / 4,),
         "perspective/znear": (0.01,),

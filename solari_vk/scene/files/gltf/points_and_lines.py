@@ -66,7 +66,8 @@ def with_surface(
     # A line without length has no direction, and its ends show it already.
     lines = lines[(positions[lines[:, 0]] != positions[lines[:, 1]]).any(axis=1)]
     ball = np.arange(len(centers))[:, None, None] * len(solid.corners) + solid.triangles
-    triangles, normals = [ball.reshape(-1, 3)], [np.tile(solid.corners, (len(centers), 1))]
+    triangles = [ball.reshape(-1, 3)]
+    normals = [np.tile(solid.corners, (len(centers), 1))]
     sources = [np.repeat(centers, len(solid.corners))]
     if len(lines):
         normals.append(_around(unit(positions[lines[:, 1]] - positions[lines[:, 0]])))

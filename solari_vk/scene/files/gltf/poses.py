@@ -80,6 +80,6 @@ class Pose:
         """The weights of `count` morph targets, 0 for those that the file says nothing of."""
         self._node.entry.charge(64 * count, "its weights")
         weights = np.zeros(count)
-        given = self._weights[:count]
-        weights[: len(given)] = given
+        weights_of_file = self._weights[:count]
+        weights[: len(weights_of_file)] = weights_of_file
         return weights

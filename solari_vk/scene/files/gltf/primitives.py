@@ -167,10 +167,10 @@ class Primitives:
     def _with_colors(self, vertices: Vertices, primitive: Entry) -> Vertices:
         """With colors from 0 to 1, and without those that change nothing."""
         if "COLOR" in vertices:
-            given = vertices.pop("COLOR")
+            raw = vertices.pop("COLOR")
             # glTF 2.0, 3.9.2: COLOR_0 multiplies the base color, so that white colors change nothing.
-            colors = given.clip(0, 1)
-            if (colors != given).any():
+            colors = raw.clip(0, 1)
+            if (colors != raw).any():
                 self._report.add("vertex colors below 0 or above 1 are clamped", primitive.place)
             if (colors != 1).any():
                 vertices["COLOR"] = colors

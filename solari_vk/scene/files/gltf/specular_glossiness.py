@@ -115,15 +115,15 @@ def _roughness(texture: Texture, gloss: float) -> NDArray[np.uint8]:
 
 def _painted(painted: Texture | None, share: Floats) -> NDArray[np.uint8]:
     """The pixels of a base color texture times shares (h, w, 3), in the larger of both sizes."""
-    given = np.full((1, 1, 4), 255, np.uint8) if painted is None else painted.image.pixels
-    height, width = np.maximum(given.shape[:2], share.shape[:2])
-    given, share = (
+    pixels = np.full((1, 1, 4), 255, np.uint8) if painted is None else painted.image.pixels
+    height, width = np.maximum(pixels.shape[:2], share.shape[:2])
+    pixels, share = (
         # The nearest pixel, so that a mask stays sharp.
         grid[np.arange(height)[:, None] * len(grid) // height, np.arange(width) * grid.shape[1] // width]
-        for grid in (given, share)
+        for grid in (pixels, share)
     )
-    color = srgb_of_linear(LINEAR_OF_SRGB[given[..., :3]] * share)
-    return np.concatenate([color, given[..., 3:]], axis=-1)
+    color = srgb_of_linear(LINEAR_OF_SRGB[pixels[..., :3]] * share)
+    return np.concatenate([color, pixels[..., 3:]], axis=-1)
 
 
 def _sampling(texture: Texture) -> tuple[Any, ...]:

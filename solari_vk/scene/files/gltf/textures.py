@@ -65,7 +65,8 @@ class Textures:
         info = user.entry(key)
         if info is None:
             return None
-        index, uv_set = info.integer("index"), info.integer("texCoord", 0, high=255)
+        index = info.integer("index")
+        uv_set = info.integer("texCoord", 0, high=255)
         texture = self._document.item("texture", index, info)
         images = images_of(texture)
         if not images:

@@ -92,9 +92,9 @@ class Entry:
         """As many finite numbers as the default has."""
         if key not in self.data:
             return default
-        given = self.data[key]
-        if isinstance(given, list) and len(given) == len(default):
-            numbers = [_within(value, low, high) for value in given]
+        listed = self.data[key]
+        if isinstance(listed, list) and len(listed) == len(default):
+            numbers = [_within(value, low, high) for value in listed]
             fitting = tuple(number for number in numbers if number is not None)
             if len(fitting) == len(default):
                 return fitting
@@ -102,15 +102,14 @@ class Entry:
 
     def values(self, key: str, wanted: str, fits: Callable[[Any], bool] | None = None) -> list[Any]:
         """A list whose values all fit, empty when the field is absent. wanted: names the values in the error."""
-        given = self.data.get(key, [])
-        if not isinstance(given, list) or (fits is not None and not all(map(fits, given))):
+        listed = self.data.get(key, [])
+        if not isinstance(listed, list) or (fits is not None and not all(map(fits, listed))):
             raise self.wrong(key, f"a list of {wanted}")
-        return given
+        return listed
 
     def integers(self, key: str) -> list[int]:
         """A list of whole numbers from 0, empty when the field is absent."""
-        given = self.values(key, "whole numbers from 0", is_index)
-        return [int(value) for value in given]
+        return [int(value) for value in self.values(key, "whole numbers from 0", is_index)]
 
     def text(self, key: str, default: str | None = None, choices: tuple[str, ...] = ()) -> str:
         """A string; without a default the field is required."""
@@ -139,8 +138,8 @@ class Entry:
 
     def entries(self, key: str, kind: str) -> list[Entry]:
         """The objects of a list inside this one, empty when the field is absent."""
-        given = self.values(key, "objects")
-        return [Entry(self.file, f"{self.place}, {kind} {number}", value) for number, value in enumerate(given)]
+        objects = self.values(key, "objects")
+        return [Entry(self.file, f"{self.place}, {kind} {number}", value) for number, value in enumerate(objects)]
 
     def extension(self, name: str) -> Entry | None:
         """The data of an extension for this object, or None."""

@@ -90,7 +90,8 @@ class RigNodes:
 
     def _base(self, row: int) -> int | None:
         """The node for what is above the rig and isn't moved."""
-        matrix, visible = self._rig.bases[row], bool(self._rig.bases_visible[row])
+        matrix = self._rig.bases[row]
+        visible = bool(self._rig.bases_visible[row])
         if visible and np.array_equal(matrix, np.eye(4)):
             return None
         key = matrix.tobytes(), visible
@@ -273,7 +274,8 @@ class RigNodes:
         for key in range(1, len(times)):
             times[key] = max(times[key], np.nextafter(times[key - 1], np.float32(np.inf)))
         values: Any = channel.values
-        interpolation, dtype = channel.interpolation, "f4"
+        interpolation = channel.interpolation
+        dtype = "f4"
         if channel.path == "visible":
             states = values[:, 1] if interpolation == "CUBICSPLINE" else values
             values = (states > 0).reshape(-1)

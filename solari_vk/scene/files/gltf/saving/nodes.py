@@ -68,7 +68,8 @@ class Nodes:
             sides = np.array((1, 1, np.sign(np.linalg.det(turn))))
             above = matrix.copy()
             above[:3, :3] = turned * sizes * sides
-            parent, matrix = self.add(parent, matrix=_by_columns(above)), np.eye(4)
+            parent = self.add(parent, matrix=_by_columns(above))
+            matrix = np.eye(4)
             matrix[:3, :3] = sides[:, None] * turn
         whole = np.array_equal(matrix, np.eye(4))
         return self.add(parent, matrix=None if whole else _by_columns(matrix), **fields)
@@ -136,14 +137,15 @@ class Nodes:
             # glTF 2.0, 3.10.3.4: the magnifications are half the picture's size; readers take the height from ymag.
             lens = {"xmag": height, "ymag": height, "znear": camera.near, "zfar": max(_FAR, 2 * camera.near)}
         kind = "orthographic" if height else "perspective"
-        is_own = height or yfov < camera.vertical_fov
-        own = write_extras(camera, CAMERA_EXTRAS if is_own else [name for name in CAMERA_EXTRAS if name != ANGLE])
+        # A field of view that glTF forbids is written as extras too.
+        needs_angle = height or yfov < camera.vertical_fov
+        names = CAMERA_EXTRAS if needs_angle else [name for name in CAMERA_EXTRAS if name != ANGLE]
+        camera_extras = write_extras(camera, names)
         if camera.has_exposure:  # also 0: `open` keeps the exposure of files that have one
-            own.setdefault(EXTRAS, {})["ev100"] = camera.ev100
+            camera_extras.setdefault(EXTRAS, {})["ev100"] = camera.ev100
         if camera.has_lens:
             self._content.lose("other programs show cameras with a lens as pinholes", camera.describe())
-        # A field of view that glTF forbids is written as extras too.
-        number = self._content.add("cameras", type=kind, **{kind: lens}, extras=own)
+        number = self._content.add("cameras", type=kind, **{kind: lens}, extras=camera_extras)
         self._content.written[camera] = f"/cameras/{number}", self._content.json["cameras"][number]
         return self.place(parent, matrix, camera=number, name=camera.name, extras=extras)
 
@@ -197,9 +199,9 @@ class Nodes:
         number = self.place(parent, _facing(light) if matrix is None else matrix, name=light.name)
         color, intensity = self._color(light, light.intensity)
         fields = {"light": self._profiles[profile], "multiplier": intensity / (profile.peak or 1.0), "color": color}
-        own = write_extras(light, PROFILE_EXTRAS)
-        if own:
-            fields["extras"] = own
+        extras = write_extras(light, PROFILE_EXTRAS)
+        if extras:
+            fields["extras"] = extras
         self._content.use(PROFILES, fields, self._content.json["nodes"][number])
         self._content.written[light] = f"/nodes/{number}", self._content.json["nodes"][number]
         return number
@@ -207,9 +209,10 @@ class Nodes:
 
 def node_extras(scene: Any, instance: Instance) -> dict[str, Any]:
     """The extras of an instance's node."""
-    own = write_extras(instance, ("label", "part_of")).get(EXTRAS, {})
-    own |= {"backdrop": True} if instance is scene.backdrop else {}
-    return {EXTRAS: own} if own else {}
+    fields = write_extras(instance, ("label", "part_of")).get(EXTRAS, {})
+    if instance is scene.backdrop:
+        fields["backdrop"] = True
+    return {EXTRAS: fields} if fields else {}
 
 
 def _worlds(instance: Instance) -> list[Matrix]:

@@ -169,13 +169,16 @@ def _split_with_tangents(mesh: Mesh, uv_set: int) -> Mesh:
 
     Meshes that have tangents or no uvs stay as they are, as do flat ones that are deformed.
     """
-    normals, uvs = mesh.normals, mesh.uvs_for(uv_set)
+    normals = mesh.normals
+    uvs = mesh.uvs_for(uv_set)
     if mesh.tangents is not None or uvs is None or (normals is None and mesh.deformation is not None):
         return mesh
     rows: NDArray[Any] = np.arange(len(mesh.positions))
     triangles: NDArray[Any] = mesh.triangles
     if normals is None:
-        rows, triangles = triangles.reshape(-1), np.arange(triangles.size).reshape(-1, 3)
+        # Each triangle gets vertices of its own.
+        rows = triangles.reshape(-1)
+        triangles = np.arange(triangles.size).reshape(-1, 3)
         normals = np.repeat(unit(area_vectors(mesh.positions, mesh.triangles)), 3, axis=0)
     split = generate_tangents(mesh.positions[rows], normals, uvs[rows], triangles)
     made = _with_vertices(mesh, rows[split.source], split.indices)
