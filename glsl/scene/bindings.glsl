@@ -132,7 +132,7 @@ struct SceneInfo {
     uint first_environment;        // where the light of the first record in `environments` is
     uint first_portal_record;      // into `portals`
     float tree_probability;        // that a leaf of the tree is chosen by `by_power`
-    uint without;                  // WITHOUT_BLEND, WITHOUT_DISPERSION: features that only other worlds have
+    uint absent_features;          // WITHOUT_BLEND, WITHOUT_DISPERSION: features that only other worlds have
 };
 
 layout(set = 0, scalar) readonly buffer SceneInfoBlock { SceneInfo at[]; } scene_infos;
@@ -143,7 +143,7 @@ layout(set = 0, scalar) readonly buffer SceneInfoBlock { SceneInfo at[]; } scene
 #endif
 // Whether a world takes random numbers for a feature: not if only other worlds of the batch have it, so that the world
 // gives the same picture alone and in a batch.
-bool uses_random_numbers_for(uint feature) { return (scene_info.without & feature) == 0u; }
+bool uses_random_numbers_for(uint feature) { return (scene_info.absent_features & feature) == 0u; }
 // Bindings 16 to 62 are free for the buffers of light kinds: scene/lights/. The texture array has the largest number,
 // because it has no length.
 layout(set = 0) uniform sampler2D texture_images[];

@@ -1,5 +1,5 @@
 // The cameras of this frame and of the previous one. solari_vk/bound/projection.py fills the two uniform blocks.
-// Shaders with MANY_VIEWS render many pictures in one frame, each with a record of solari_vk/batch/view_table.py;
+// Shaders with MANY_VIEWS render many pictures in one frame, each with a record of solari_vk/batch/view_buffer.py;
 // passes/views.glsl finds the view of an invocation. A view shows a world: a scene, or a variant of it with transforms,
 // materials and lights of its own. The records of all worlds are in the same tables; rays find the instances of one.
 #ifndef SCENE_CAMERA_BLOCK_GLSL

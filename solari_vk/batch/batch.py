@@ -12,7 +12,7 @@ from solari_vk.base.errors import SolariError, checked_keywords
 from solari_vk.batch import view_cameras
 from solari_vk.batch.batch_renderers import BatchPathTracer, BatchRenderer, WorldBindings
 from solari_vk.batch.many_frames import WHERE as MANY
-from solari_vk.batch.many_frames import ManyFrames, cameras_of, cuts_of, poses_of, seeds_of, transforms_of
+from solari_vk.batch.many_frames import FrameResults, cameras_of, poses_of, resets_of, seeds_of, transforms_of
 from solari_vk.batch.options import (
     LIGHT,
     check_realtime,
@@ -26,7 +26,7 @@ from solari_vk.batch.options import (
 )
 from solari_vk.batch.overrides import LightOverrides, MaterialOverrides, TransformOverrides
 from solari_vk.batch.results import BatchResults
-from solari_vk.batch.view_table import ViewTable
+from solari_vk.batch.view_buffer import ViewBuffer
 from solari_vk.batch.worlds import Worlds
 from solari_vk.bound.binder import SceneBinder
 from solari_vk.bound.features import LENSES
@@ -89,8 +89,8 @@ class Batch(BatchResults):
             self._owned.callback(binder.destroy)
         try:
             self.views = whole_number(views, "Batch: views", 1)
-            self._layout = reflect(compile_shader(SHADER), SHADER).bindings["views"]
-            record = self._layout.element
+            self._views_binding = reflect(compile_shader(SHADER), SHADER).bindings["views"]
+            record = self._views_binding.element
             assert record is not None
             self.size = checked_size(device, size, self.views, record.itemsize, renderer)
             self._cameras = view_cameras.CameraReader(record["current"], self.views, self.size)
@@ -118,11 +118,11 @@ class Batch(BatchResults):
         """Make the frames that a renderer runs, and that of labels if outputs want any."""
         if renderer == "realtime":
             self._realtime = BatchRenderer(
-                self.device, self.binder, self.size, self.views, self._layout, self._worlds, options
+                self.device, self.binder, self.size, self.views, self._views_binding, self._worlds, options
             )
             self._owned.callback(self._realtime.close)
         if self._labels_names or renderer == "reference":
-            self._table = ViewTable(self.device, self._port, self._layout, self.views)
+            self._table = ViewBuffer(self.device, self._port, self._views_binding, self.views)
             self._owned.callback(self._table.destroy)
         if renderer == "reference":
             self._paths = BatchPathTracer(
@@ -211,10 +211,10 @@ class Batch(BatchResults):
         cameras: view_cameras.ViewCameras,
         samples: int,
         seeds: NDArray[np.uint32],
-        cut: NDArray[np.bool_],
+        reset: NDArray[np.bool_],
         clears_cache: bool,
     ) -> None:
-        """Render a frame of arguments that are checked. cut (N,): views without history."""
+        """Render a frame of arguments that are checked. reset (N,): views without history."""
         if cameras.lenses and LENSES not in self.binder.features:
             self.binder.mark_changed(cameras.lenses[0])
         if self._worlds.count > 1 or self._worlds.shows_scenes:
@@ -222,14 +222,14 @@ class Batch(BatchResults):
             self.binder.update()
             self._worlds.update()
         if self._labels is not None or self._paths is not None:
-            self._write_views(cameras, cut, seeds)
+            self._write_views(cameras, reset, seeds)
         if self._labels is not None:
             self._render_labels(self._labels)
         self._rendered = True
         if self._paths is not None:
             self._paths.trace(samples)
         if self._realtime is not None:
-            self._realtime.render_views(cameras, cut, seeds, not clears_cache)
+            self._realtime.render_views(cameras, reset, seeds, not clears_cache)
 
     @checked_keywords()
     def render_many(
@@ -248,7 +248,7 @@ class Batch(BatchResults):
         seeds: ArrayLike | None = None,
         reset: ArrayLike = False,
         reset_cache: bool = False,
-    ) -> ManyFrames:
+    ) -> FrameResults:
         """Render several frames in one submission, and return what each of them shows, by the names of results. The
         path tracer, which times its dispatches, makes several submissions.
 
@@ -271,14 +271,14 @@ class Batch(BatchResults):
         shown = cameras_of(frames, self.views, cameras, self._port)
         read = [self._read(of_frame, options) for of_frame in shown]
         numbers = [self._checked_seeds(of_frame) for of_frame in seeds_of(frames, self.views, seeds)]
-        cuts = cuts_of(frames, self.views, reset)
+        resets = resets_of(frames, self.views, reset)
         self._prepare_many(frames)
         # The device gets the commands of all frames in one submission.
         with self.device.gathered():
             for index in range(frames):
                 for instance, values in moves[index]:
                     self.transforms.replace(instance, values)
-                self._render(read[index], sample_count, numbers[index], cuts[index], clears_cache and index == 0)
+                self._render(read[index], sample_count, numbers[index], resets[index], clears_cache and index == 0)
                 many = self._copy_results(index, frames, names)
         return many
 
@@ -290,17 +290,17 @@ class Batch(BatchResults):
             if renderer is not None:
                 renderer.frame.prepare_many(frames)
 
-    def _copy_results(self, index: int, frames: int, names: Sequence[str]) -> ManyFrames:
+    def _copy_results(self, index: int, frames: int, names: Sequence[str]) -> FrameResults:
         """Copy the results of a frame, the first of which says how much memory all of them take."""
         results = {name: self._result(name) for name in names}
         if self._many is None or (index == 0 and not self._many.fits(results, frames)):
             self._close_many()
-            self._many = ManyFrames(self.device, results, frames, self._check_tensors)
+            self._many = FrameResults(self.device, results, frames, self._check_tensors)
         self._many.copy_results(index, results)
         return self._many
 
     def _write_views(
-        self, cameras: view_cameras.ViewCameras, cut: NDArray[np.bool_], seeds: NDArray[np.uint32]
+        self, cameras: view_cameras.ViewCameras, reset: NDArray[np.bool_], seeds: NDArray[np.uint32]
     ) -> None:
         """Give the cameras to the frame of labels and to the path tracer."""
         table = self._table
@@ -309,7 +309,7 @@ class Batch(BatchResults):
             table.write_cameras(cameras)
             table.records["frame"]["seed"] = seeds
             self._worlds.assign_views(table)
-        table.upload_frame(cameras, cut)
+        table.upload_frame(cameras, reset)
 
     def _render_labels(self, frame: SceneFrame) -> None:
         frame.apply_edits()

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from solari_vk.base.errors import SolariError
 from solari_vk.batch.light_changes import LightChanges, LightState
+from solari_vk.batch.view_buffer import ViewBuffer, samples_of
 from solari_vk.batch.view_cameras import ViewCameras
-from solari_vk.batch.view_table import ViewTable, samples_of
 from solari_vk.batch.worlds import Worlds
 from solari_vk.bound.binder import SceneBinder
 from solari_vk.bound.lights.index_translation import CHANGE_DECAY, MIN_CHANGE
@@ -90,7 +90,7 @@ class BatchRenderer(Renderer):
         binder: SceneBinder,
         size: Size,
         count: int,
-        layout: Binding,
+        views_binding: Binding,
         worlds: Worlds,
         options: dict[str, Any],
     ) -> None:
@@ -104,9 +104,11 @@ class BatchRenderer(Renderer):
         self._jitter_begins = np.zeros(count, np.int64)  # where each view begins in the sequence of jitter
         self._blended_before = np.zeros(1, np.int64)
         # Made before the frame that reads them, and freed here if that can't be made: `_owned` doesn't exist yet.
-        owned: list[ViewTable | Buffer] = []
+        owned: list[ViewBuffer | Buffer] = []
         try:
-            self.views = ViewTable(device, worlds.port, layout, count, self._grid[0], world_cache.parts(worlds.count))
+            self.views = ViewBuffer(
+                device, worlds.port, views_binding, count, self._grid[0], world_cache.parts(worlds.count)
+            )
             owned.append(self.views)
             self._changes = LightChanges(device, worlds.count)
             owned.append(self._changes.buffer)
@@ -167,17 +169,17 @@ class BatchRenderer(Renderer):
         self._frame.uniforms["world_cache_settings.update_cap"] = min(cap, 0xFFFFFFFF)
 
     def render_views(
-        self, cameras: ViewCameras, cut: NDArray[np.bool_], seeds: NDArray[np.uint32], keeps_cache: bool
+        self, cameras: ViewCameras, reset: NDArray[np.bool_], seeds: NDArray[np.uint32], keeps_cache: bool
     ) -> None:
-        """Render the next frame. cut, (N,) or one for all: views without a history. keeps_cache: whether the world
+        """Render the next frame. reset, (N,) or one for all: views without a history. keeps_cache: whether the world
         cache is that of earlier frames."""
-        self._has_lens = bool(cameras.lenses)
+        self._bends_rays = bool(cameras.lenses)
         self._prepare()
         self._bindings.show(self._frame)
         states = self._worlds.light_states or [LightState.of(self.binder.lights)]
         self._changes.update(states, self.settings.world_cache_cell_size)
         try:
-            self._write_views(cameras, cut if self._has_history else np.ones_like(cut), seeds)
+            self._write_views(cameras, reset if self._has_history else np.ones_like(reset), seeds)
             self._write_shared(keeps_cache and self._has_history)
             self._has_history = True
             self._frame.submit_applied()
@@ -186,14 +188,14 @@ class BatchRenderer(Renderer):
             raise
         self.frame_count += 1
 
-    def _write_views(self, cameras: ViewCameras, cut: NDArray[np.bool_], seeds: NDArray[np.uint32]) -> None:
+    def _write_views(self, cameras: ViewCameras, reset: NDArray[np.bool_], seeds: NDArray[np.uint32]) -> None:
         views = self.views
-        # A view that is cut has no history that changes of light could shorten.
+        # A view that is reset has no history that changes of light could shorten.
         if self._change.any() or not self._changes.is_still:
             change = self._change * CHANGE_DECAY
             change[change <= MIN_CHANGE] = 0.0
             newest = np.repeat(self._changes.newest, len(change) // len(self._changes.newest))
-            self._change = np.where(cut, 0.0, np.maximum(change, newest))
+            self._change = np.where(reset, 0.0, np.maximum(change, newest))
         blended = self._worlds.blended_changes != self._blended_before
         # In most frames of a batch only poses and jitter change, which `upload_frame` uploads.
         sources = cameras.records, cameras.jitter, seeds, self._change, self._camera_jitter, self._offsets
@@ -206,7 +208,7 @@ class BatchRenderer(Renderer):
         views.offsets[0] = self._shifts[0] + offsets + self._shifts[1]
         views.offsets[1] = offsets
         self._camera_jitter = cameras.jitter
-        views.upload_frame(cameras, cut, self.frame_count & 0xFFFFFFFF)
+        views.upload_frame(cameras, reset, self.frame_count & 0xFFFFFFFF)
 
     def _write_records(self, cameras: ViewCameras, seeds: NDArray[np.uint32], blended: NDArray[np.bool_]) -> None:
         """Write what changes seldom. blended: whether blended instances of each world, or of all, have changed."""

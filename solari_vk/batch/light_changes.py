@@ -17,7 +17,7 @@ from solari_vk.gpu.device.buffer import Buffer
 from solari_vk.gpu.device.device import Device
 
 # ChangedLights in glsl/passes/light_change.glsl.
-WORLD = np.dtype([("count", "<u4"), ("at", RECORD, MOST), ("share", "<f4")])
+WORLD = np.dtype([("count", "<u4"), ("at", RECORD, MOST), ("fraction", "<f4")])
 
 
 class LightState(NamedTuple):
@@ -25,13 +25,13 @@ class LightState(NamedTuple):
 
     ids: NDArray[np.uint32]
     powers: NDArray[np.float64]
-    places: NDArray[np.float64]
+    centers: NDArray[np.float64]
     positions: NDArray[np.float64]
 
     @classmethod
     def of(cls, lights: LightList) -> LightState:
         """Of a list."""
-        return cls(lights.ids, lights.emitted, lights.places, lights.positions)
+        return cls(lights.ids, lights.emitted, lights.centers, lights.positions)
 
 
 class LightChanges:
@@ -69,7 +69,7 @@ class LightChanges:
                 changed = share_changed(before.ids, before.powers, now.ids, now.powers)
                 moved = share_moved(before.ids, before.positions, now.ids, now.positions, now.powers, cell_size)
                 self.newest[world] = max(changed, moved)
-            recent.update(now.ids, now.powers, now.places, now.positions, cell_size)
+            recent.update(now.ids, now.powers, now.centers, now.positions, cell_size)
         self._previous = [*states]
         # Each frame forgets a share of the earlier changes, as the histories that follow them do.
         change = self.change * CHANGE_DECAY
@@ -115,7 +115,7 @@ class LightChanges:
         if self._uploaded:
             return
         records = np.zeros(len(self.change), WORLD)
-        records["share"] = self.change
+        records["fraction"] = self.change
         for record, recent in zip(records, self._recent, strict=True):
             if recent.records.size:
                 record["count"] = len(recent.records)

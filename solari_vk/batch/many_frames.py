@@ -34,13 +34,13 @@ class Result(NamedTuple):
     frame: SceneFrame
     resource: str
     dtype: np.dtype[Any]
-    values: int
+    value_count: int
     shaped: Callable[[Any], Any]
 
     @property
     def size(self) -> int:
         """In bytes."""
-        return self.values * self.dtype.itemsize
+        return self.value_count * self.dtype.itemsize
 
     def record_copy(self, cmd: raw.CData, target: Buffer, begin: int) -> None:
         """Record a copy of the latest frame's to a byte of a buffer."""
@@ -52,7 +52,7 @@ class Result(NamedTuple):
             source.record_copy(cmd, target.handle, size=self.size, offset=offset, begin=begin)
 
 
-class ManyFrames(Mapping[str, NDArray[Any]]):
+class FrameResults(Mapping[str, NDArray[Any]]):
     """What several frames of a batch show: results by their names, (frames, N, height, width[, channels]).
 
     They are these until the batch renders many frames again, or is closed; arrays are copies.
@@ -101,7 +101,7 @@ class ManyFrames(Mapping[str, NDArray[Any]]):
 
     def __getitem__(self, name: str) -> NDArray[Any]:
         result, buffer = self._of(name)
-        values = buffer.read(result.dtype, self._frames * result.values).reshape(self._frames, result.values)
+        values = buffer.read(result.dtype, self._frames * result.value_count).reshape(self._frames, result.value_count)
         # What was wrong in tensors of these frames is known now that the device has rendered them.
         self._check_tensors()
         return np.stack([result.shaped(one) for one in values])
@@ -111,19 +111,19 @@ class ManyFrames(Mapping[str, NDArray[Any]]):
         result, buffer = self._of(name)
         if isinstance(result.frame.resource(result.resource), Image):
             raise SolariError(f"{WHERE}: '{name}' is an image: frames['{name}'] copies it")
-        count = self._frames * result.values
+        count = self._frames * result.value_count
         if buffer.mapped:
             # The host sees the device's memory: an array shows it without a copy.
             self._device.sync_host()
             memory = buffer.view(result.dtype, count)
             self._tensors += 1
             self._device.loans.lend(memory, self._release_tensor)
-            first = result.shaped(memory[: result.values])
+            first = result.shaped(memory[: result.value_count])
             shown: NDArray[Any] = memory.view(first.dtype).reshape(self._frames, *first.shape)
             return shown
         if self._device.properties.kind == "cpu":
             return self[name]
-        shape = result.shaped(np.empty(result.values, result.dtype)).shape
+        shape = result.shaped(np.empty(result.value_count, result.dtype)).shape
         copy = partial(buffer.record_copy, size=buffer.size)
         return self._device.cuda_for(name).export(copy, (self._frames, *shape), result.dtype)
 
@@ -193,8 +193,8 @@ def transforms_of(frames: int, worlds: Worlds, transforms: Any) -> list[list[tup
     return moves
 
 
-def cuts_of(frames: int, views: int, reset: Any) -> NDArray[np.bool_]:
-    """The views (frames, N) that are cut, of all or some in the first frame, or in each."""
+def resets_of(frames: int, views: int, reset: Any) -> NDArray[np.bool_]:
+    """The views (frames, N) that are reset, of all or some in the first frame, or in each."""
     try:
         mask = host_array(reset)
     except (TypeError, ValueError, RuntimeError):
@@ -206,9 +206,9 @@ def cuts_of(frames: int, views: int, reset: Any) -> NDArray[np.bool_]:
     if mask.ndim == 2:
         return mask
     # A mask of one frame is that of the first: the others follow it.
-    cuts = np.zeros((frames, views), bool)
-    cuts[0] = mask
-    return cuts
+    resets = np.zeros((frames, views), bool)
+    resets[0] = mask
+    return resets
 
 
 def seeds_of(frames: int, views: int, seeds: Any) -> Sequence[Any]:

@@ -50,7 +50,7 @@ class OverriddenInstances:
             found = {material: self._surface(instance, material) for material in dict.fromkeys(materials)}
             if any(mode == "blend" for mode, *_ in found.values()):
                 blended[instance] = instance.transform.tobytes(), instance.visible, instance.mesh, *materials
-                built_anew |= self._binder.use_single_hits(instance.ray_mesh or instance.mesh)
+                built_anew |= self._binder.use_no_duplicate_any_hit(instance.ray_mesh or instance.mesh)
             columns = np.array([found[material][1:] for material in materials], np.uint32).T
             self._surfaces[instance] = InstanceOverride(None, *columns)
         # Temporal antialiasing drops history of blended surfaces that are gone in frames in which one has changed.

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from solari_vk.base.errors import Hints, SolariError, unknown_name
 from solari_vk.batch.batch_renderers import BatchPathTracer, BatchRenderer
-from solari_vk.batch.many_frames import ManyFrames, Result
+from solari_vk.batch.many_frames import FrameResults, Result
 from solari_vk.batch.options import LIGHT
 from solari_vk.bound.binder import SceneBinder
 from solari_vk.gpu.device.buffer import Buffer
@@ -34,7 +34,7 @@ class BatchResults(Hints):
     _rendered = _closed = False
     # Arrays and tensors that show the results' memory, which stays as long as one of them does, also after `close`.
     _tensors = 0
-    _many: ManyFrames | None = None
+    _many: FrameResults | None = None
     _labels: SceneFrame | None = None
     _paths: BatchPathTracer | None = None
     _realtime: BatchRenderer | None = None
@@ -64,7 +64,7 @@ class BatchResults(Hints):
         if isinstance(buffer, Image):
             values = buffer.read()
         else:
-            values = buffer.read(result.dtype, result.values, result.frame.binding(result.resource).element_offset)
+            values = buffer.read(result.dtype, result.value_count, result.frame.binding(result.resource).element_offset)
         self._check_tensors()
         read: NDArray[Any] = result.shaped(values)
         return read
@@ -107,7 +107,7 @@ class BatchResults(Hints):
             tensor = self._shaped(name, result.frame.tensor(result.resource, self._pixels(name)))
             return tensor
         self.device.sync_host()
-        memory = buffer.view(result.dtype, result.values)
+        memory = buffer.view(result.dtype, result.value_count)
         self._lend(memory)
         tensor = self._shaped(name, memory)
         return tensor
@@ -149,7 +149,7 @@ class BatchResults(Hints):
         """The scene's instances by the numbers in `batch["instance_id"]`. With a list of scenes, these for each world:
         `batch.instances[world][number]`."""
         if self.binder.has_many_scenes:
-            return {world: records.instances for world, records in enumerate(self.binder.worlds)}
+            return {world: records.instances for world, records in enumerate(self.binder.listed_records)}
         return self.binder.instances
 
     @property

@@ -55,7 +55,7 @@ class WorldLights:
         self._device = device
         self._count = count
         self._scene_lights = scene_lights
-        self._layout = {table.name: table.records.dtype for table in scene_lights.tables}
+        self._dtypes = {table.name: table.records.dtype for table in scene_lights.tables}
         self._keys: Sequence[Any] = ()  # the key of each world's list
 
     def share_scene_lights(self) -> None:
@@ -86,7 +86,7 @@ class WorldLights:
 
     def _make_tables(self, lists: Iterable[SharedList]) -> bool:
         """Make the tables anew if lists need more or fewer rows; returns whether they were."""
-        sizes = dict.fromkeys(self._layout, 1)
+        sizes = dict.fromkeys(self._dtypes, 1)
         for shared in lists:
             for name, count in _row_counts(shared.lights).items():
                 sizes[name] = max(sizes[name], count)
@@ -94,14 +94,14 @@ class WorldLights:
             return False
         limit = self._device.properties.limits.maxStorageBufferRange
         for name, size in sizes.items():
-            most = limit // (size * self._layout[name].itemsize)
+            most = limit // (size * self._dtypes[name].itemsize)
             if self._count > most:
                 raise SolariError(
                     f"Batch: {self._count:,} worlds with lights of their own, of which one has "
                     f"{size:,} rows of {name}: this device holds at most {most:,}: share the worlds "
                     "among several batches"
                 )
-        self.tables = {name: np.zeros((self._count, size), self._layout[name]) for name, size in sizes.items()}
+        self.tables = {name: np.zeros((self._count, size), self._dtypes[name]) for name, size in sizes.items()}
         return True
 
     def _write(self, changed: Mapping[Any, list[int]], lists: Mapping[Any, SharedList], instance_rows: int) -> None:
@@ -202,7 +202,7 @@ class _Emitter(NamedTuple):
     transform: NDArray[np.float64] | None
 
 
-class OverriddenLights:
+class WorldLightLists:
     """The lists of worlds of one scene whose overrides concern lights. A list is made anew when one of its lights, or
     those of the scene, change."""
 
@@ -214,8 +214,8 @@ class OverriddenLights:
         self._device = device
         self._binder = binder
         self._count = count
-        self._layout = {table.name: table.records.dtype for table in binder.lights.tables}
-        self._data = LightData(device, self._layout["light_leaves"]["by_power"])
+        self._dtypes = {table.name: table.records.dtype for table in binder.lights.tables}
+        self._data = LightData(device, self._dtypes["light_leaves"]["by_power"])
         self._ids = weakref.WeakKeyDictionary[Instance | Light, tuple[int, Any]]()
         self._last_id = FIRST_ID
 
@@ -286,7 +286,7 @@ class OverriddenLights:
     def _make(self, lights: Sequence[Light], emitters: Sequence[_Emitter]) -> SharedList:
         binder = self._binder
         records = binder.records
-        made = LightList(self._device, self._layout, self._data)
+        made = LightList(self._device, self._dtypes, self._data)
         copies = []
         for instance, material, transform in emitters:
             # A copy of the instance takes its place in the list, with what it has in this world.

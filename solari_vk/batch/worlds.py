@@ -17,8 +17,8 @@ from solari_vk.base.errors import SolariError
 from solari_vk.batch.light_changes import LightState
 from solari_vk.batch.overridden_instances import InstanceOverride, OverriddenInstances
 from solari_vk.batch.overrides import LightOverrides, MaterialOverrides, TransformOverrides, WorldOverrides
-from solari_vk.batch.view_table import ViewTable
-from solari_vk.batch.world_lights import OverriddenLights, SharedList, WorldLights, lists_of_scenes
+from solari_vk.batch.view_buffer import ViewBuffer
+from solari_vk.batch.world_lights import SharedList, WorldLightLists, WorldLights, lists_of_scenes
 from solari_vk.batch.world_structures import WorldStructures, uploaded
 from solari_vk.bound.binder import SceneBinder
 from solari_vk.bound.scene_records import MAX_INSTANCES, SceneRecords
@@ -47,14 +47,14 @@ class Worlds:
         # One world of one scene needs no tables of its own: it is the scene as the binder has it.
         self._has_tables = count > 1 or binder.has_many_scenes
         self._lights = WorldLights(device, binder.lights, count)
-        self._overridden_lights = OverriddenLights(device, binder, count)
+        self._world_light_lists = WorldLightLists(device, binder, count)
         self._overridden_instances = OverriddenInstances(binder)
         self._scene_lights: Mapping[Any, SharedList] = {}  # of several scenes
         self._structures = WorldStructures(device, count)
         self._buffers: dict[str, Buffer] = {}
         self._shared: dict[str, Buffer] = {}  # the scene's tables of lights, while all worlds have them
         # A scene may stand in a list several times; one scene is that of all worlds.
-        scenes = binder.worlds if binder.has_many_scenes else binder.worlds * count
+        scenes = binder.listed_records if binder.has_many_scenes else binder.listed_records * count
         worlds_of: dict[SceneRecords, list[int]] = {}
         for world, records in enumerate(scenes):
             worlds_of.setdefault(records, []).append(world)
@@ -65,7 +65,7 @@ class Worlds:
         self._written: dict[SceneRecords, int] = {}  # with the `record_revision`
         self._instances: NDArray[Any] = np.zeros((0, 0))
         self._traced: NDArray[Any] = np.zeros((0, 0))
-        self._layout: Any = None
+        self._written_key: Any = None
         self._written_light_index: NDArray[np.uint32] | None = None
 
     # ---- what others read ---------------------------------------------------------------------------
@@ -111,7 +111,7 @@ class Worlds:
     @property
     def blended_changes(self) -> NDArray[np.int64]:
         """The number of changes of blended instances so far, of each world (W,) or of all (1,)."""
-        return np.array([records.blended_changes for records in self._binder.worlds])
+        return np.array([records.blended_changes for records in self._binder.listed_records])
 
     @property
     def light_states(self) -> list[LightState] | None:
@@ -133,7 +133,7 @@ class Worlds:
         """What `assign_views` writes depends on."""
         return self.rows, int(self.light_states is not None)
 
-    def assign_views(self, table: ViewTable) -> None:
+    def assign_views(self, table: ViewBuffer) -> None:
         """Write to the records of views which world each shows: as many views to each, one after the other."""
         table.shared["has_own_lights"] = self.light_states is not None
         records = table.records
@@ -170,7 +170,7 @@ class Worlds:
         """Have each world show its own scene."""
         was_current = self._is_current
         self._is_current = False  # until all is written
-        self._scene_lights, keys = lists_of_scenes(self._binder.worlds, self._scene_lights)
+        self._scene_lights, keys = lists_of_scenes(self._binder.listed_records, self._scene_lights)
         if self._lights.set_lists(self._scene_lights, keys, self.rows) or not was_current:
             self._upload_lights()
         self._write({})
@@ -203,7 +203,7 @@ class Worlds:
     def _only_tensors_moved(self, overrides: WorldOverrides, differing: Mapping[Instance, InstanceOverride]) -> bool:
         """Whether all that changed are transforms that the device has, which it writes by itself."""
         moved = overrides.transforms.changed
-        if not moved or self._layout != self._layout_of(differing):
+        if not moved or self._written_key != self._array_key(differing):
             return False
         transforms = [differing.get(instance, InstanceOverride()).transforms for instance in moved]
         return all(isinstance(values, DeviceTensor) for values in transforms)
@@ -212,17 +212,17 @@ class Worlds:
         """Whether lights have changed, or instances have moved that emit light in the scene or in some world."""
         if overrides.lights.changed:
             return True
-        emitting = self._overridden_lights.emitting
+        emitting = self._world_light_lists.emitting
         scene_lights = self._binder.lights
         return any(one in emitting or scene_lights.index(one) is not None for one in overrides.transforms.changed)
 
     # ---- lights -------------------------------------------------------------------------------------
 
     def _follow_lights(self, overrides: WorldOverrides, must_upload: bool) -> None:
-        keys = self._overridden_lights.make_lists(overrides)
+        keys = self._world_light_lists.make_lists(overrides)
         if keys is None:
             self._lights.share_scene_lights()
-        elif self._lights.set_lists(self._overridden_lights.lists, keys, self.rows) or must_upload:
+        elif self._lights.set_lists(self._world_light_lists.lists, keys, self.rows) or must_upload:
             self._upload_lights()
 
     def _upload_lights(self) -> None:
@@ -242,7 +242,7 @@ class Worlds:
 
     # ---- instances and their structures -------------------------------------------------------------
 
-    def _layout_of(self, differing: Mapping[Instance, InstanceOverride]) -> Any:
+    def _array_key(self, differing: Mapping[Instance, InstanceOverride]) -> Any:
         """What the arrays of records depend on: their shape, and which fields each world has of its own. While it stays
         the same, a field that was overwritten is overwritten again."""
         overwritten = [
@@ -253,10 +253,10 @@ class Worlds:
         return self.rows, most, self._lights.light_index is None, (*overwritten,)
 
     def _write(self, differing: Mapping[Instance, InstanceOverride]) -> None:
-        layout = self._layout_of(differing)
-        if layout != self._layout:
-            self._make_arrays(most=layout[1])
-            self._layout = layout
+        array_key = self._array_key(differing)
+        if array_key != self._written_key:
+            self._make_arrays(most=array_key[1])
+            self._written_key = array_key
         outdated = {
             records: worlds
             for records, worlds in self._worlds_of.items()
@@ -310,7 +310,7 @@ class Worlds:
     def _write_override(self, instance: Instance, override: InstanceOverride) -> None:
         records = self._binder.records
         row = records.instance_rows[instance]
-        place = records.traced.place(row)
+        place = records.traced.record_index(row)
         if override.transforms is not None and not isinstance(override.transforms, DeviceTensor):
             self._instances["world_from_object"][:, row] = override.transforms[:, :3].transpose(0, 2, 1)
             self._traced["transform"][:, place] = override.transforms[:, :3]
@@ -337,17 +337,17 @@ class Worlds:
         assert traced_records is not None
         assert fields is not None
         row = self._binder.records.instance_rows[instance]
-        index = self._binder.records.traced.place(row)
+        index = self._binder.records.traced.record_index(row)
         # Where a world's records are, and from one world to the next, in floats. The records of shaders and those that
         # structures are built from have the numbers of a transform in different order.
         size = self._instances.dtype.itemsize // 4
         traced_size = INSTANCE_DTYPE.itemsize // 4
         places = {
             "first": self._buffers["instances"].address,
-            "first_place": row * size + fields["world_from_object"][1] // 4,
+            "first_offset": row * size + fields["world_from_object"][1] // 4,
             "first_step": self.rows * size,
             "second": traced_records.address,
-            "second_place": index * traced_size,
+            "second_offset": index * traced_size,
             "second_step": self._traced.shape[1] * traced_size,
         }
         name = instance.describe()
@@ -368,7 +368,7 @@ class Worlds:
         """Free everything."""
         if self.overrides is not None:
             self.overrides.destroy()
-        self._overridden_lights.destroy()
+        self._world_light_lists.destroy()
         self._structures.destroy()
         for buffer in self._buffers.values():
             buffer.destroy()

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from solari_vk.bound.features import Features
 from solari_vk.bound.geometry import Geometry
 from solari_vk.bound.material_table import MaterialTable
-from solari_vk.bound.table import Table, upload
+from solari_vk.bound.table import Table, upload_tables
 from solari_vk.bound.texture_table import TextureTable
 from solari_vk.bound.texture_tensors import DTYPES
 from solari_vk.gpu.device.device import Device
@@ -25,19 +25,21 @@ from solari_vk.scene.tensor_fields import TensorFields
 
 
 class Assets:
-    """The meshes, textures and materials of scenes. watcher: is notified of their edits. layout: the records of the
-    shaders' blocks, by name."""
+    """The meshes, textures and materials of scenes. watcher: is notified of their edits.
+    block_dtypes: the records of the shaders' blocks, by name."""
 
     def __init__(self, device: Device, watcher: Watcher) -> None:
         bindings = spirv.reflect(compile_shader("scene/layout.comp"), "scene/layout.comp").bindings
-        self.layout: dict[str, Any] = {n: b.dtype if b.element is None else b.element for n, b in bindings.items()}
+        self.block_dtypes: dict[str, Any] = {
+            n: b.dtype if b.element is None else b.element for n, b in bindings.items()
+        }
         self._device = device
         self.features = Features()
         self.tensors = TensorPort(device)
-        self.geometry = Geometry(device, self.layout, self.features, watcher, self.tensors)
-        self.textures = TextureTable(device, self.layout["textures"], watcher, self.tensors)
+        self.geometry = Geometry(device, self.block_dtypes, self.features, watcher, self.tensors)
+        self.textures = TextureTable(device, self.block_dtypes["textures"], watcher, self.tensors)
         self.materials = MaterialTable(
-            device, self.layout["materials"], self.textures, self.features, watcher, self.tensors
+            device, self.block_dtypes["materials"], self.textures, self.features, watcher, self.tensors
         )
         posed = self.geometry.posed
         self.tables: tuple[Table, ...] = (self.geometry.table, *posed.tables, self.textures.table, self.materials.table)
@@ -68,7 +70,7 @@ class Assets:
     def set_previous_positions(self, user: Any) -> None:
         """Have the previous positions be those that a user has seen last, where no scene changed."""
         if self.geometry.posed.set_previous_positions(user):
-            upload(self._device, [self.geometry.table])
+            upload_tables(self._device, [self.geometry.table])
             self.geometry.tensors.write_bounds()
 
     def upload(self, tables: Iterable[Table]) -> int:
@@ -77,7 +79,7 @@ class Assets:
         replaced = sum(table.replace() for table in changed)
         # Rows that are uploaded lack what tensors gave, and get it after the upload.
         materials = set(self.materials.table.marked)
-        upload(self._device, changed)
+        upload_tables(self._device, changed)
         self.materials.write_tensors(materials)
         if self.geometry.table in changed:
             self.geometry.tensors.write_bounds()

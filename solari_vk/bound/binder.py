@@ -54,11 +54,11 @@ class SceneBinder:
         """The structure that rays traverse, of one scene."""
         with device.undone_on_error():
             self.assets = Assets(device, self)
-            self._scenes = self._make_records(dict.fromkeys(scenes))
+            self._all_records = self._make_records(dict.fromkeys(scenes))
             if not self.has_many_scenes:
-                self.tlas = SceneTlas(device, self._scenes[0].traced)
-        each = {records.scene: records for records in self._scenes}
-        self.worlds = [each[one] for one in scenes]
+                self.tlas = SceneTlas(device, self._all_records[0].traced)
+        each = {records.scene: records for records in self._all_records}
+        self.listed_records = [each[one] for one in scenes]
         """The records of each world's scene."""
         self._tables = self._device_tables()
         self._previous_users: set[object] = set()  # renderers that need `previous_tlas`
@@ -67,14 +67,14 @@ class SceneBinder:
         self._counted_features: frozenset[str] = frozenset()  # that `version` knows of
 
     def _make_records(self, scenes: Mapping[Scene, None]) -> list[SceneRecords]:
-        layout = self.assets.layout
+        block_dtypes = self.assets.block_dtypes
         table: Any = partial(Table, self._device)
         shared = None
         if self.has_many_scenes:
             table = HostTable
             shared = SharedBuffers()
         return [
-            SceneRecords(self._device, scene, self.assets, table, LightList(self._device, layout, shared))
+            SceneRecords(self._device, scene, self.assets, table, LightList(self._device, block_dtypes, shared))
             for scene in scenes
         ]
 
@@ -89,7 +89,7 @@ class SceneBinder:
     @property
     def records(self) -> SceneRecords:
         """The instances and lights of the first scene."""
-        return self._scenes[0]
+        return self._all_records[0]
 
     @property
     def scene(self) -> Scene:
@@ -115,7 +115,7 @@ class SceneBinder:
     @property
     def instance_capacity(self) -> int:
         """The number of rows of a world in the shaders' `instances`."""
-        return max(records.instance_capacity for records in self._scenes)
+        return max(records.instance_capacity for records in self._all_records)
 
     @property
     def tensors(self) -> TensorPort:
@@ -146,7 +146,7 @@ class SceneBinder:
     @property
     def dark_scenes(self) -> list[Scene]:
         """The scenes that have no light, as of the latest `update`."""
-        return [records.scene for records in self._scenes if not len(records.lights.ids)]
+        return [records.scene for records in self._all_records if not len(records.lights.ids)]
 
     @property
     def triangle_orders(self) -> dict[int, NDArray[np.int64]]:
@@ -166,7 +166,7 @@ class SceneBinder:
             self.records.mark_changed(changed)
             return
         users = self.assets.users(changed)
-        for records in self._scenes:
+        for records in self._all_records:
             if records.has_any(users):
                 records.mark_changed(changed)
 
@@ -176,7 +176,7 @@ class SceneBinder:
 
     def accept_tensors(self, item: TensorFields, fields: Mapping[str, Any]) -> dict[str, DeviceTensor] | None:
         """As of `Assets`; None for what emits light, which the host must know."""
-        if any(records.emissions.depend_on(item) for records in self._scenes):
+        if any(records.emissions.depend_on(item) for records in self._all_records):
             return None
         return self.assets.accept_tensors(item, fields)
 
@@ -185,9 +185,9 @@ class SceneBinder:
         self.assets.features.add_of(item)
         self._count_features()
 
-    def use_single_hits(self, mesh: Mesh) -> bool:
-        """As `Geometry.use_single_hits`; another `update` is needed if it returns True."""
-        is_new = self.assets.geometry.use_single_hits(mesh)
+    def use_no_duplicate_any_hit(self, mesh: Mesh) -> bool:
+        """As `Geometry.use_no_duplicate_any_hit`; another `update` is needed if it returns True."""
+        is_new = self.assets.geometry.use_no_duplicate_any_hit(mesh)
         if is_new:
             self.mark_changed(mesh)
         return is_new
@@ -218,7 +218,7 @@ class SceneBinder:
         if self.tlas is not None:
             self.version += self.tlas.keep_previous(bool(self._previous_users))
         key = self if user is None else user
-        if not self._is_current or any(records.changed for records in self._scenes):
+        if not self._is_current or any(records.changed for records in self._all_records):
             self._apply_changes(user)
         else:
             self.assets.set_previous_positions(user)
@@ -238,21 +238,21 @@ class SceneBinder:
         except BaseException:
             self._try_again_later()
             raise
-        for records in self._scenes:
+        for records in self._all_records:
             records.confirm()
         self._is_current = True
 
     def _update_records(self, user: Any) -> None:
         """Write the records of all that has changed."""
         assets = self.assets
-        for records in self._scenes:
+        for records in self._all_records:
             records.apply_changes()
         # Materials name rows of textures, and instances those of meshes and materials, which must be up to date before.
         with_other_structures = assets.geometry.update(self.revision)
         assets.geometry.posed.set_previous_positions(user)
         self.version += assets.textures.update()
         assets.materials.update()
-        for records in self._scenes:
+        for records in self._all_records:
             records.write(with_other_structures)
 
     def _count_features(self) -> None:
@@ -265,7 +265,7 @@ class SceneBinder:
         if self.tlas is not None:
             self.version += self.tlas.make_room()
         else:
-            for records in self._scenes:
+            for records in self._all_records:
                 records.write_for_worlds()
         # Poses read the uploaded tables, and the TLAS is built over the structures that poses refit.
         self.version += self.assets.upload(self._tables)
@@ -277,7 +277,7 @@ class SceneBinder:
 
     def _try_again_later(self) -> None:
         """After an error, have the next update apply the same changes and upload everything."""
-        for records in self._scenes:
+        for records in self._all_records:
             records.retry()
         self.version += 1  # buffers may be other ones by now
         for table in self._tables:
@@ -287,7 +287,7 @@ class SceneBinder:
 
     def destroy(self) -> None:
         """Stop watching the scenes and free everything."""
-        for records in self._scenes:
+        for records in self._all_records:
             records.destroy()
         self.assets.destroy()
         if self.tlas is not None:

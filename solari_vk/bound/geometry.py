@@ -1,6 +1,6 @@
 """Meshes on the device: vertex and index buffers, and acceleration structures.
 
-A `Shape` is a mesh, or a mesh in the pose of an instance, whose vertices are made on the device: poses/.
+A `DeviceMesh` is a mesh, or a mesh in the pose of an instance, whose vertices are made on the device: poses/.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from solari_vk.bound.mesh_tensors import MeshTensors
 from solari_vk.bound.posed_mesh import PosedMesh
 from solari_vk.bound.scene_poses import ScenePoses
 from solari_vk.bound.spatial_order import spatial_order
-from solari_vk.bound.table import Rows, Table, content_of
+from solari_vk.bound.table import Slots, Table, content_of
 from solari_vk.gpu.acceleration.blas import Blas
 from solari_vk.gpu.acceleration.geometry import TriangleGeometry
 from solari_vk.gpu.device.buffer import Buffer
@@ -28,23 +28,23 @@ from solari_vk.gpu.tensors.imports import DeviceTensor
 from solari_vk.gpu.tensors.port import TensorPort
 from solari_vk.scene.model import Instance, Mesh
 
-Shape = Mesh | PosedMesh
+DeviceMesh = Mesh | PosedMesh
 # The fields of a mesh that the device has; equal ones share memory.
 ARRAYS = ("positions", "triangles", "normals", "uvs", "tangents", "second_uvs", "colors")
 
 
 class Geometry:
-    """The `meshes` table and everything its addresses point to. layout: the records of the shaders' blocks, by name."""
+    """The `meshes` table and everything its addresses point to. block_dtypes: of the shaders' blocks, by name."""
 
     def __init__(
-        self, device: Device, layout: dict[str, Any], features: Features, watcher: Any, port: TensorPort
+        self, device: Device, block_dtypes: dict[str, Any], features: Features, watcher: Any, port: TensorPort
     ) -> None:
-        self.table = Table(device, "meshes", layout["meshes"])
-        self.posed = ScenePoses(device, layout, self.table)
-        self.rows: Rows[Shape] = Rows()
-        self._ray_users: Rows[Shape] = Rows()
-        self._shapes: dict[tuple[Mesh, Instance], PosedMesh] = {}
-        self._attributes = layout["vertex_attributes"]
+        self.table = Table(device, "meshes", block_dtypes["meshes"])
+        self.posed = ScenePoses(device, block_dtypes, self.table)
+        self.rows: Slots[DeviceMesh] = Slots()
+        self._ray_users: Slots[DeviceMesh] = Slots()
+        self._posed_meshes: dict[tuple[Mesh, Instance], PosedMesh] = {}
+        self._attributes = block_dtypes["vertex_attributes"]
         self.tensors = MeshTensors(device, port, self.table, self.rows, self._attributes)
         self.structures = MeshStructures(device, self.tensors)
         self._device = device
@@ -52,72 +52,72 @@ class Geometry:
         self._watcher = watcher
         self._buffers: dict[Mesh, Buffer] = {}
         # Meshes with equal arrays share a buffer. An edited mesh has a content of its own, equal to no other.
-        self._contents: Rows[Hashable] = Rows()
+        self._contents: Slots[Hashable] = Slots()
         self._content_of: dict[Mesh, Hashable] = {}
         self._uploaded: dict[Mesh, dict[str, Any]] = {}  # the mesh's arrays at its upload, if nothing failed
-        self.centers: dict[Shape, NDArray[np.float32]] = {}
-        """The center (3,) of each uploaded shape's bounds, in object space."""
-        self.half_sizes: dict[Shape, NDArray[np.float32]] = {}
+        self.centers: dict[DeviceMesh, NDArray[np.float32]] = {}
+        """The center (3,) of each uploaded mesh's bounds, in object space."""
+        self.half_sizes: dict[DeviceMesh, NDArray[np.float32]] = {}
         """Half the size (3,) of the same bounds."""
-        self.orders: dict[Shape, NDArray[np.int64]] = {}
-        """For each uploaded shape the mesh's triangle of each uploaded triangle."""
-        self.blases: dict[Shape, Blas] = {}
-        """The acceleration structure of each traced shape, as of the latest `update`."""
+        self.orders: dict[DeviceMesh, NDArray[np.int64]] = {}
+        """For each uploaded mesh the mesh's triangle of each uploaded triangle."""
+        self.blases: dict[DeviceMesh, Blas] = {}
+        """The acceleration structure of each traced mesh, as of the latest `update`."""
         # Blended meshes, whose light is added per hit: rays must meet each of their triangles only once.
-        self._single_hits: set[Mesh] = set()
+        self._no_duplicate_any_hit: set[Mesh] = set()
         self._to_upload: dict[Mesh, None] = {}
         self._moved: set[Mesh] = set()  # of these, those that have other positions
 
-    def shape(self, mesh: Mesh, instance: Instance) -> Shape:
+    def device_mesh(self, mesh: Mesh, instance: Instance) -> DeviceMesh:
         """An instance's mesh in its pose, or the mesh if it has none. The pose is that of the instance now."""
         if not instance.posed or mesh.deformation is None:
             return mesh
         # The mesh may have been edited since the pose was assigned, and no longer fit it.
         pose = instance.joint_matrices, instance.morph_weights
         mesh.deformation.check(len(mesh.positions), *pose, instance.describe())
-        shape = self._shapes.setdefault((mesh, instance), PosedMesh(mesh, instance))
-        self.posed.follow_instance(shape)
-        return shape
+        device_mesh = self._posed_meshes.setdefault((mesh, instance), PosedMesh(mesh, instance))
+        self.posed.follow_instance(device_mesh)
+        return device_mesh
 
-    def acquire(self, shape: Shape, user: Instance, *, traced: bool) -> None:
-        """Add a use of a shape. traced: rays hit it, so it needs an acceleration structure."""
-        if isinstance(shape, PosedMesh):
-            self.rows.acquire(shape, user)
-            self._shapes[shape.mesh, shape.instance] = shape
-            self.posed.add(shape, self.rows[shape], traced)
-            self.acquire(shape.mesh, user, traced=False)
+    def acquire(self, device_mesh: DeviceMesh, user: Instance, *, traced: bool) -> None:
+        """Add a use of a mesh. traced: rays hit it, so it needs an acceleration structure."""
+        if isinstance(device_mesh, PosedMesh):
+            self.rows.acquire(device_mesh, user)
+            self._posed_meshes[device_mesh.mesh, device_mesh.instance] = device_mesh
+            self.posed.add(device_mesh, self.rows[device_mesh], traced)
+            self.acquire(device_mesh.mesh, user, traced=False)
             return
-        if self.rows.acquire(shape, user):
-            shape.watch(self._watcher)
-            self._to_upload[shape] = None
-        if traced and self._ray_users.acquire(shape, user):
-            self.mark_changed(shape)  # its acceleration structure is built with an upload
+        if self.rows.acquire(device_mesh, user):
+            device_mesh.watch(self._watcher)
+            self._to_upload[device_mesh] = None
+        if traced and self._ray_users.acquire(device_mesh, user):
+            self.mark_changed(device_mesh)  # its acceleration structure is built with an upload
 
-    def release(self, shape: Shape, user: Instance, *, traced: bool) -> None:
+    def release(self, device_mesh: DeviceMesh, user: Instance, *, traced: bool) -> None:
         """Undo one `acquire`."""
-        if isinstance(shape, PosedMesh):
-            if self.rows.release(shape, user):
-                self._remove_posed(shape)
-            self.release(shape.mesh, user, traced=False)
+        if isinstance(device_mesh, PosedMesh):
+            if self.rows.release(device_mesh, user):
+                self._remove_posed(device_mesh)
+            self.release(device_mesh.mesh, user, traced=False)
             return
-        if traced and self._ray_users.release(shape, user) and shape in self.blases:
-            del self.blases[shape]
-            self.structures.drop(shape)
-        if self.rows.release(shape, user):
-            self._remove_mesh(shape)
+        if traced and self._ray_users.release(device_mesh, user) and device_mesh in self.blases:
+            del self.blases[device_mesh]
+            self.structures.drop(device_mesh)
+        if self.rows.release(device_mesh, user):
+            self._remove_mesh(device_mesh)
 
-    def _remove_posed(self, shape: PosedMesh) -> None:
-        self.posed.remove(shape)
-        if self.blases.pop(shape, None) is not None:
+    def _remove_posed(self, device_mesh: PosedMesh) -> None:
+        self.posed.remove(device_mesh)
+        if self.blases.pop(device_mesh, None) is not None:
             self.structures.all_alive = False
-        for of_shapes in (self.centers, self.half_sizes, self.orders):
-            of_shapes.pop(shape, None)
-        self._shapes.pop((shape.mesh, shape.instance), None)
+        for of_meshes in (self.centers, self.half_sizes, self.orders):
+            of_meshes.pop(device_mesh, None)
+        self._posed_meshes.pop((device_mesh.mesh, device_mesh.instance), None)
 
     def _remove_mesh(self, mesh: Mesh) -> None:
         mesh.unwatch(self._watcher)
         self._to_upload.pop(mesh, None)
-        self._single_hits.discard(mesh)
+        self._no_duplicate_any_hit.discard(mesh)
         if mesh not in self._buffers:  # it was never uploaded
             return
         buffer = self._buffers.pop(mesh)
@@ -137,12 +137,12 @@ class Geometry:
             self.structures.all_alive = False
         return self.rows.users(mesh)
 
-    def use_single_hits(self, mesh: Mesh) -> bool:
+    def use_no_duplicate_any_hit(self, mesh: Mesh) -> bool:
         """Have `update` build the acceleration structure of a blended mesh so that no ray meets a triangle twice.
         Returns whether it is another one then."""
-        if mesh in self._single_hits:
+        if mesh in self._no_duplicate_any_hit:
             return False
-        self._single_hits.add(mesh)
+        self._no_duplicate_any_hit.add(mesh)
         self.mark_changed(mesh)
         return True
 
@@ -153,13 +153,13 @@ class Geometry:
         """
         self.table.reserve(self.rows.limit)
         users = self._update_meshes(revision) if self._to_upload else []
-        for shape in self.posed.update(revision, self.rows.__getitem__, self._packed):
-            record = self.table.records[self.rows[shape]]
-            self._set_bounds(shape, record["bounds_min"], record["bounds_max"])
-            self.orders[shape] = self.orders[shape.mesh]
-            if shape.blases:
-                self.blases[shape] = shape.blases[shape.side]
-                users.append(shape.instance)
+        for device_mesh in self.posed.update(revision, self.rows.__getitem__, self._packed):
+            record = self.table.records[self.rows[device_mesh]]
+            self._set_bounds(device_mesh, record["bounds_min"], record["bounds_max"])
+            self.orders[device_mesh] = self.orders[device_mesh.mesh]
+            if device_mesh.blases:
+                self.blases[device_mesh] = device_mesh.blases[device_mesh.side]
+                users.append(device_mesh.instance)
         return users
 
     def accept_tensors(self, mesh: Mesh, fields: Mapping[str, Any]) -> dict[str, DeviceTensor] | None:
@@ -171,12 +171,12 @@ class Geometry:
             return None
         return self.tensors.accept(mesh, fields)
 
-    def box(self, shape: Shape) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-        """The center and half the size of a shape's bounds, which of vertices of tensors are read by the host."""
-        if shape in self.tensors:
-            assert isinstance(shape, Mesh)
-            self._set_bounds(shape, *_bounds(shape.positions[shape.triangles]))
-        return self.centers[shape], self.half_sizes[shape]
+    def box(self, device_mesh: DeviceMesh) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        """The center and half the size of a mesh's bounds, which of vertices of tensors are read by the host."""
+        if device_mesh in self.tensors:
+            assert isinstance(device_mesh, Mesh)
+            self._set_bounds(device_mesh, *_bounds(device_mesh.positions[device_mesh.triangles]))
+        return self.centers[device_mesh], self.half_sizes[device_mesh]
 
     def _update_meshes(self, revision: int) -> list[Any]:
         geometries: dict[Mesh, TriangleGeometry] = {}
@@ -191,7 +191,9 @@ class Geometry:
             raise
         traced = {mesh: geometry for mesh, geometry in geometries.items() if mesh in self._ray_users}
         builds = {
-            mesh: (self._content_of[mesh], mesh in self._single_hits) for mesh in traced if mesh not in self.tensors
+            mesh: (self._content_of[mesh], mesh in self._no_duplicate_any_hit)
+            for mesh in traced
+            if mesh not in self.tensors
         }
         self.blases |= self.structures.build(traced, builds, self._moved)
         self._to_upload = {}
@@ -221,7 +223,7 @@ class Geometry:
             indices=int(record["triangles"]),
             triangle_count=int(record["triangle_count"]),
             # Structures that are refitted allow it, and may be a blended mesh's later.
-            no_duplicate_any_hit=has_tensors or mesh in self._single_hits,
+            no_duplicate_any_hit=has_tensors or mesh in self._no_duplicate_any_hit,
         )
 
     def _upload_from_host(self, mesh: Mesh, uploads: Uploads, revision: int) -> None:
@@ -280,9 +282,9 @@ class Geometry:
         record["bounds_min"] = low
         record["bounds_max"] = high
 
-    def _set_bounds(self, shape: Shape, low: Any, high: Any) -> None:
-        self.centers[shape] = (low + high) / 2
-        self.half_sizes[shape] = (high - low) / 2
+    def _set_bounds(self, device_mesh: DeviceMesh, low: Any, high: Any) -> None:
+        self.centers[device_mesh] = (low + high) / 2
+        self.half_sizes[device_mesh] = (high - low) / 2
 
     def _packed(self, mesh: Mesh) -> NDArray[Any] | None:
         return pack_attributes(mesh, self._attributes)[1]
@@ -325,9 +327,9 @@ class Geometry:
         for buffer in set(self._buffers.values()):
             buffer.destroy()
         self.table.destroy()
-        for shape in self.rows:
-            if isinstance(shape, Mesh):
-                shape.unwatch(self._watcher)
+        for device_mesh in self.rows:
+            if isinstance(device_mesh, Mesh):
+                device_mesh.unwatch(self._watcher)
 
 
 def _bounds(corners: NDArray[np.float32]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:

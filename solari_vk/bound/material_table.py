@@ -19,7 +19,7 @@ from solari_vk.bound.constants import (
 )
 from solari_vk.bound.features import Features
 from solari_vk.bound.material_tensors import MaterialTensors
-from solari_vk.bound.table import Rows, Table
+from solari_vk.bound.table import Slots, Table
 from solari_vk.bound.texture_table import TextureTable
 from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.tensors.imports import DeviceTensor
@@ -44,7 +44,7 @@ class MaterialTable:
         port: TensorPort,
     ) -> None:
         self.table = Table(device, "materials", record)
-        self.rows: Rows[Material] = Rows()
+        self.rows: Slots[Material] = Slots()
         self.emitting: set[Material] = set()
         """The materials that emit light, as of the last `update`."""
         self._textures = textures

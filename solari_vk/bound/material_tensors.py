@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from solari_vk.bound.constants import MATERIAL_FIELDS
-from solari_vk.bound.table import Rows, Table, upload
+from solari_vk.bound.table import Slots, Table, upload_tables
 from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.tensors.imports import DeviceTensor
 from solari_vk.gpu.tensors.port import LAST_INDEX, Dispatch, TensorPort
@@ -36,7 +36,7 @@ NUMBER = np.dtype(
 class MaterialTensors:
     """Writes numbers of tensors to the records of materials. table, rows: the records, and whose they are."""
 
-    def __init__(self, device: Device, port: TensorPort, table: Table, rows: Rows[Material]) -> None:
+    def __init__(self, device: Device, port: TensorPort, table: Table, rows: Slots[Material]) -> None:
         self._device = device
         self._port = port
         self._table = table
@@ -70,7 +70,7 @@ class MaterialTensors:
         self._list.replace()
         self._list.records[: len(numbers)] = np.array(numbers, NUMBER)
         self._list.marked = set(range(len(numbers)))
-        upload(self._device, [self._list])
+        upload_tables(self._device, [self._list])
         pushed = {"numbers": self._list.buffer.address, "target": self._table.buffer.address, "count": len(numbers)}
         self._port.write([Dispatch("materials", (len(numbers), 1), pushed)], "numbers of materials", with_next=True)
 

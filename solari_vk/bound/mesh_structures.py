@@ -6,7 +6,7 @@ from collections.abc import Container, Hashable, Mapping
 from typing import Any
 
 from solari_vk.bound.mesh_tensors import MeshTensors
-from solari_vk.bound.table import Rows
+from solari_vk.bound.table import Slots
 from solari_vk.gpu.acceleration.blas import Blas
 from solari_vk.gpu.acceleration.blas_builds import build_blases
 from solari_vk.gpu.acceleration.geometry import TriangleGeometry
@@ -24,7 +24,7 @@ class MeshStructures:
         self._device = device
         self._tensors = tensors
         self._built: dict[Build, Blas] = {}
-        self._builds: Rows[Build] = Rows()  # whose users share a structure
+        self._builds: Slots[Build] = Slots()  # whose users share a structure
         self._build_of: dict[Mesh, Build] = {}
         self.all_alive = True
         """Whether no structure was destroyed since this was last set: the TLAS of the previous frame may name it."""

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from solari_vk.bound.mesh_parts import ADDRESSES
-from solari_vk.bound.table import Rows, Table
+from solari_vk.bound.table import Slots, Table
 from solari_vk.gpu.acceleration.blas import Blas
 from solari_vk.gpu.acceleration.blas_builds import BlasBuild, submit_batch
 from solari_vk.gpu.acceleration.geometry import TriangleGeometry
@@ -50,7 +50,7 @@ class MeshTensors:
     as their last fields. attributes: the layout of VertexAttributes."""
 
     def __init__(
-        self, device: Device, port: TensorPort, table: Table, rows: Rows[Any], attributes: np.dtype[Any]
+        self, device: Device, port: TensorPort, table: Table, rows: Slots[Any], attributes: np.dtype[Any]
     ) -> None:
         self._device = device
         self._port = port

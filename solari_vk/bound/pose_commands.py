@@ -25,34 +25,34 @@ MAX_GROUPS = 65535  # in one dimension of a dispatch, on any device
 
 
 class PoseCommands:
-    """The records of work for the device. layout: the records of scene/posed.glsl, by name."""
+    """The records of work for the device. block_dtypes: the records of scene/posed.glsl, by name."""
 
-    def __init__(self, device: Device, layout: dict[str, Any]) -> None:
+    def __init__(self, device: Device, block_dtypes: dict[str, Any]) -> None:
         self._device = device
-        self._work = Table(device, "posed meshes", layout["posed_meshes"])
-        self._joints = Table(device, "joints", layout["joints"])
-        self._targets = Table(device, "active targets", layout["active_targets"])
+        self._work = Table(device, "posed meshes", block_dtypes["posed_meshes"])
+        self._joints = Table(device, "joints", block_dtypes["joints"])
+        self._targets = Table(device, "active targets", block_dtypes["active_targets"])
         self.tables = (self._work, self._joints, self._targets)
         """Are uploaded between `write` and `submit`."""
-        self._influence = layout["influences"]
-        self._attributes = layout["vertex_attributes"]
+        self._influence = block_dtypes["influences"]
+        self._attributes = block_dtypes["vertex_attributes"]
         self.stopwatch: Stopwatch | None = None
         self._kernel: Kernel | None = None
         self._scratch: tuple[Storage, int, int] | None = None  # with its address and size
 
     def write(self, work: list[tuple[PosedMesh, Any, Buffer]]) -> None:
-        """Write the poses that `submit` computes, one after the other: shapes, the records of their meshes in the rest
-        pose, and their influences and targets."""
-        shapes = [shape for shape, _, _ in work]
-        joints = [shape.pose[0] for shape in shapes if shape.pose[0] is not None]
+        """Write the poses that `submit` computes, one after the other: the posed meshes, their records at rest,
+        and their influences and targets."""
+        posed_meshes = [posed for posed, _, _ in work]
+        joints = [posed.pose[0] for posed in posed_meshes if posed.pose[0] is not None]
         self._joints.reserve(sum(map(len, joints)))
-        weighted = [np.flatnonzero(shape.pose[1]) if shape.pose[1] is not None else () for shape in shapes]
+        weighted = [np.flatnonzero(posed.pose[1]) if posed.pose[1] is not None else () for posed in posed_meshes]
         self._targets.reserve(sum(map(len, weighted)))
         self._work.reserve(len(work))
         first_joint = first_target = 0
-        for number, ((shape, base, source), active) in enumerate(zip(work, weighted, strict=True)):
-            matrices, weights = shape.pose
-            self._work.records[number] = self._addresses(shape, base, source.address)
+        for number, ((posed, base, source), active) in enumerate(zip(work, weighted, strict=True)):
+            matrices, weights = posed.pose
+            self._work.records[number] = self._addresses(posed, base, source.address)
             record = self._work.records[number]
             record["first_joint"] = first_joint
             record["first_target"] = first_target
@@ -71,13 +71,13 @@ class PoseCommands:
         for table, count in zip(self.tables, (len(work), first_joint, first_target), strict=True):
             table.mark(range(count))
 
-    def _addresses(self, shape: PosedMesh, base: Any, source: int) -> Any:
+    def _addresses(self, posed: PosedMesh, base: Any, source: int) -> Any:
         """A record of what follows from the mesh and the side. source: the address of influences and targets."""
-        key = shape.side, source, *base[["positions", "attributes", "flags"]].tolist()
-        if key in shape.work:
-            return shape.work[key]
-        record = shape.work[key] = np.zeros((), self._work.records.dtype)
-        deformation = shape.deformation
+        key = posed.side, source, *base[["positions", "attributes", "flags"]].tolist()
+        if key in posed.work:
+            return posed.work[key]
+        record = posed.work[key] = np.zeros((), self._work.records.dtype)
+        deformation = posed.deformation
         influences = 0 if deformation.joints is None else deformation.joints.size
         # A target adds to each vertex 3 numbers for the position, the normal and the tangent, each if it has them.
         parts = [deformation.targets, deformation.target_normals, deformation.target_tangents]
@@ -90,9 +90,9 @@ class PoseCommands:
             "rest_attributes": base["attributes"],
             "influences": source,
             "targets": source + influences * self._influence.itemsize,
-            "positions": shape.addresses[shape.side],
-            "attributes": shape.addresses[2],
-            "vertex_count": len(shape.mesh.positions),
+            "positions": posed.addresses[posed.side],
+            "attributes": posed.addresses[2],
+            "vertex_count": len(posed.mesh.positions),
             "influence_count": 0 if deformation.joints is None else deformation.joints.shape[1],
             "target_width": begins[3],
             "target_normal": begins[1] if parts[1] is not None else 0,
@@ -105,30 +105,30 @@ class PoseCommands:
             record[field] = value
         return record
 
-    def submit(self, shapes: list[PosedMesh]) -> None:
+    def submit(self, posed_meshes: list[PosedMesh]) -> None:
         """Compute the vertices of poses and bring their BLASes up to date, just before the next submission."""
         if self._kernel is None:
             self._kernel = Kernel(self._device, "scene/deform.comp")
-        builds = [(shape, not shape.rebuilds) for shape in shapes if shape.blases]
-        self._device.start_with_next(lambda commands: self._record(commands, shapes, builds), "pose meshes")
+        builds = [(posed, not posed.rebuilds) for posed in posed_meshes if posed.blases]
+        self._device.start_with_next(lambda commands: self._record(commands, posed_meshes, builds), "pose meshes")
         at = clock.tick()
-        for shape, update in builds:
-            shape.blases[shape.side].note_build(at, update=update)
-            shape.refits = shape.refits + 1 if update else 0
+        for posed, update in builds:
+            posed.blases[posed.side].note_build(at, update=update)
+            posed.refits = posed.refits + 1 if update else 0
             if not update:
-                shape.built_area = shape.area
+                posed.built_area = posed.area
 
-    def _record(self, commands: raw.CData, shapes: list[PosedMesh], builds: list[tuple[PosedMesh, bool]]) -> None:
+    def _record(self, commands: raw.CData, posed_meshes: list[PosedMesh], builds: list[tuple[PosedMesh, bool]]) -> None:
         vk = self._device.vk
         assert self._kernel is not None
         vk.vkCmdPipelineBarrier2(commands, full_barrier())
         if self.stopwatch is not None:
             self.stopwatch.begin(commands)
-        vertices = max(len(shape.mesh.positions) for shape in shapes)
-        for first in range(0, len(shapes), MAX_GROUPS):
+        vertices = max(len(posed.mesh.positions) for posed in posed_meshes)
+        for first in range(0, len(posed_meshes), MAX_GROUPS):
             self._kernel.record(
                 commands,
-                (vertices, min(len(shapes) - first, MAX_GROUPS)),
+                (vertices, min(len(posed_meshes) - first, MAX_GROUPS)),
                 meshes=self._work.buffer.address,
                 joints=self._joints.buffer.address,
                 targets=self._targets.buffer.address,
@@ -144,14 +144,14 @@ class PoseCommands:
 
     def _record_builds(self, commands: raw.CData, builds: list[tuple[PosedMesh, bool]]) -> None:
         vk = self._device.vk
-        sizes = [scratch_size(self._device, shape.blases[shape.side], update) for shape, update in builds]
+        sizes = [scratch_size(self._device, posed.blases[posed.side], update) for posed, update in builds]
         address = self._scratch_address(sum(sizes))
         infos = []
-        for (shape, update), size in zip(builds, sizes, strict=True):
-            infos.append(shape.build_info(address, update=update))
+        for (posed, update), size in zip(builds, sizes, strict=True):
+            infos.append(posed.build_info(address, update=update))
             address += size
         infos_array = raw.array("VkAccelerationStructureBuildGeometryInfoKHR", infos)
-        ranges = [shape.blases[shape.side].ranges for shape, _ in builds]
+        ranges = [posed.blases[posed.side].ranges for posed, _ in builds]
         ranges_array = raw.array("VkAccelerationStructureBuildRangeInfoKHR*", ranges)
         vk.vkCmdBuildAccelerationStructuresKHR(commands, len(builds), infos_array, ranges_array)
         vk.vkCmdPipelineBarrier2(commands, full_barrier())

@@ -36,15 +36,15 @@ from solari_vk.scene.objects import Mesh
 
 
 class ScenePoses:
-    """The posed meshes of a scene. layout: the records of scene/posed.glsl, by name. meshes: the table of meshes."""
+    """The posed meshes of a scene. block_dtypes: of the shaders, by name. meshes: the table of meshes."""
 
-    def __init__(self, device: Device, layout: dict[str, Any], meshes: Table) -> None:
+    def __init__(self, device: Device, block_dtypes: dict[str, Any], meshes: Table) -> None:
         self._device = device
         self._meshes = meshes
-        self._commands = PoseCommands(device, layout)
+        self._commands = PoseCommands(device, block_dtypes)
         self.tables = self._commands.tables
         """Are uploaded between `update` and `submit`."""
-        self._influence = layout["influences"]
+        self._influence = block_dtypes["influences"]
         self._sources: dict[Mesh, Buffer] = {}  # influences and targets
         self._rows: dict[PosedMesh, tuple[int, bool]] = {}  # in `meshes`, and whether rays meet it
         self._changed: dict[PosedMesh, None] = {}
@@ -57,38 +57,38 @@ class ScenePoses:
         # The revision of each user's latest frame, to which the user's motion vectors point.
         self._seen: weakref.WeakKeyDictionary[Any, int] = weakref.WeakKeyDictionary()
 
-    def add(self, shape: PosedMesh, row: int, traced: bool) -> None:
+    def add(self, posed: PosedMesh, row: int, traced: bool) -> None:
         """Add a posed mesh with a row of its own, or another use of it."""
-        _, was_traced = self._rows.get(shape, (row, False))
-        self._rows[shape] = row, traced or was_traced
+        _, was_traced = self._rows.get(posed, (row, False))
+        self._rows[posed] = row, traced or was_traced
         if traced and not was_traced:
-            shape.destroy()  # a mesh that no ray met has no BLAS, and is made anew with one
-        if shape.buffer is None:
-            self._changed[shape] = None
+            posed.destroy()  # a mesh that no ray met has no BLAS, and is made anew with one
+        if posed.buffer is None:
+            self._changed[posed] = None
 
-    def remove(self, shape: PosedMesh) -> None:
+    def remove(self, posed: PosedMesh) -> None:
         """Remove a posed mesh."""
-        for shapes in (self._rows, self._changed, self._to_compute, self._moving, self._by_change):
-            shapes.pop(shape, None)
-        shape.destroy()
-        if not any(other.mesh is shape.mesh for other in self._rows) and shape.mesh in self._sources:
-            self._sources.pop(shape.mesh).destroy()
+        for posed_meshes in (self._rows, self._changed, self._to_compute, self._moving, self._by_change):
+            posed_meshes.pop(posed, None)
+        posed.destroy()
+        if not any(other.mesh is posed.mesh for other in self._rows) and posed.mesh in self._sources:
+            self._sources.pop(posed.mesh).destroy()
 
-    def follow_instance(self, shape: PosedMesh) -> None:
+    def follow_instance(self, posed: PosedMesh) -> None:
         """Give a mesh the pose that its instance has now, which may have changed."""
-        pose = shape.instance.joint_matrices, shape.instance.morph_weights
-        if not all(map(_same, pose, shape.pose)):
-            shape.pose = pose
-            self._changed[shape] = None
+        pose = posed.instance.joint_matrices, posed.instance.morph_weights
+        if not all(map(_same, pose, posed.pose)):
+            posed.pose = pose
+            self._changed[posed] = None
 
     def free_poses_of(self, mesh: Mesh) -> bool:
         """Free all poses of a mesh that was edited, which `update` makes anew; returns whether there were some."""
-        found = [shape for shape in self._rows if shape.mesh is mesh]
+        found = [posed for posed in self._rows if posed.mesh is mesh]
         if mesh in self._sources:
             self._sources.pop(mesh).destroy()
-        for shape in found:
-            shape.destroy()
-            self._changed[shape] = None
+        for posed in found:
+            posed.destroy()
+            self._changed[posed] = None
         return bool(found)
 
     # ---- records ------------------------------------------------------------------------------------
@@ -101,29 +101,29 @@ class ScenePoses:
         revision: of the scene. base(mesh): the row of a mesh in its rest pose, which is uploaded. packed(mesh): its
         attributes as records.
         """
-        found = [shape for shape in self._changed if shape in self._rows]
-        for shape in found:
-            if shape.buffer is None:
+        found = [posed for posed in self._changed if posed in self._rows]
+        for posed in found:
+            if posed.buffer is None:
                 try:
-                    self._make(shape, base(shape.mesh), packed(shape.mesh))
+                    self._make(posed, base(posed.mesh), packed(posed.mesh))
                 except BaseException:  # what was made so far is of no use
-                    shape.destroy()
+                    posed.destroy()
                     raise
-                shape.revisions = [-1, -1]
-            elif shape not in self._to_compute:
+                posed.revisions = [-1, -1]
+            elif posed not in self._to_compute:
                 # The newest pose becomes the previous one. The pose before is lost, unless a user needs it.
-                self._copy_seen(shape)
-                shape.side = 1 - shape.side
-            shape.revisions[shape.side] = revision
-            self._by_change.pop(shape, None)
-            self._by_change[shape] = None
-            self._to_compute[shape] = None
-            self._write_record(shape, base(shape.mesh))
-            self._moving.pop(shape, None)
+                self._copy_seen(posed)
+                posed.side = 1 - posed.side
+            posed.revisions[posed.side] = revision
+            self._by_change.pop(posed, None)
+            self._by_change[posed] = None
+            self._to_compute[posed] = None
+            self._write_record(posed, base(posed.mesh))
+            self._moving.pop(posed, None)
         self._changed.clear()
         if self._to_compute:
             work = [
-                (shape, self._meshes.records[base(shape.mesh)], self._sources[shape.mesh]) for shape in self._to_compute
+                (posed, self._meshes.records[base(posed.mesh)], self._sources[posed.mesh]) for posed in self._to_compute
             ]
             self._commands.write(work)
         return found
@@ -149,8 +149,8 @@ class ScenePoses:
         edited = self._edited.pop(mesh, None)
         if edited is None:
             return
-        for shapes in (self._moving, self._by_change):
-            shapes.pop(edited, None)
+        for posed_meshes in (self._moving, self._by_change):
+            posed_meshes.pop(edited, None)
         edited.destroy()
 
     def set_previous_positions(self, user: Any) -> bool:
@@ -162,29 +162,29 @@ class ScenePoses:
             return False
         moved = self._moved_since(self._seen.get(user, math.inf))
         # What moved for the user before, and doesn't any more, has its current positions as previous ones again.
-        targets = {shape: shape.address for shape in self._moving} | moved
+        targets = {posed: posed.address for posed in self._moving} | moved
         self._moving = dict.fromkeys(moved)
         changed = False
-        for shape, address in targets.items():
-            row = shape.row if isinstance(shape, EditedMesh) else self._rows[shape][0]
+        for posed, address in targets.items():
+            row = posed.row if isinstance(posed, EditedMesh) else self._rows[posed][0]
             record = self._meshes.records[row]
             if record["previous_positions"] != address:
                 record["previous_positions"] = address
                 self._meshes.mark([row])
                 changed = True
-            if isinstance(shape, EditedMesh) and shape not in moved:
-                shape.free_unseen(self._seen.values())
+            if isinstance(posed, EditedMesh) and posed not in moved:
+                posed.free_unseen(self._seen.values())
         return changed
 
     def _moved_since(self, seen: float) -> dict[PosedMesh | EditedMesh, int]:
         """The meshes that have changed since a revision, and the addresses of their positions at that time."""
         moved = {}
-        for shape in reversed(self._by_change):
-            if shape.revision <= seen:
+        for posed in reversed(self._by_change):
+            if posed.revision <= seen:
                 break
-            address = shape.address_at(seen)
+            address = posed.address_at(seen)
             if address is not None:
-                moved[shape] = address
+                moved[posed] = address
         return moved
 
     def mark_seen(self, user: Any, revision: int) -> None:
@@ -192,22 +192,22 @@ class ScenePoses:
         if user is not None:
             self._seen[user] = revision
 
-    def _copy_seen(self, shape: PosedMesh) -> None:
+    def _copy_seen(self, posed: PosedMesh) -> None:
         """Have copies of exactly those earlier poses that are the latest ones that a user has seen, just before the
         older of the two poses is overwritten."""
-        newest = shape.revisions[shape.side]
-        lost = shape.revisions[1 - shape.side]
-        if not shape.copies and min(self._seen.values(), default=newest) >= newest:
+        newest = posed.revisions[posed.side]
+        lost = posed.revisions[1 - posed.side]
+        if not posed.copies and min(self._seen.values(), default=newest) >= newest:
             return
-        needed = {shape.revision_at(seen) for seen in self._seen.values() if seen < newest}
-        for revision in set(shape.copies) - needed:
-            shape.copies.pop(revision).destroy()
+        needed = {posed.revision_at(seen) for seen in self._seen.values() if seen < newest}
+        for revision in set(posed.copies) - needed:
+            posed.copies.pop(revision).destroy()
         if lost in needed:
-            size = shape.mesh.positions.nbytes
-            source = shape.buffer
+            size = posed.mesh.positions.nbytes
+            source = posed.buffer
             assert source is not None
-            copy = shape.copies[lost] = self._device.buffer(size, "pose that a renderer has seen")
-            region = raw.struct("VkBufferCopy", srcOffset=(1 - shape.side) * size, size=size)
+            copy = posed.copies[lost] = self._device.buffer(size, "pose that a renderer has seen")
+            region = raw.struct("VkBufferCopy", srcOffset=(1 - posed.side) * size, size=size)
 
             def record(commands: raw.CData) -> None:
                 if source.handle is not None and copy.handle is not None:
@@ -216,27 +216,27 @@ class ScenePoses:
 
             self._device.before_next_submit(record)
 
-    def _make(self, shape: PosedMesh, base: int, attributes: NDArray[Any] | None) -> None:
+    def _make(self, posed: PosedMesh, base: int, attributes: NDArray[Any] | None) -> None:
         """Make vertices and BLASes of its own. attributes: those of the rest pose."""
         device = self._device
-        mesh = shape.mesh
+        mesh = posed.mesh
         if mesh not in self._sources:
             self._sources[mesh] = self._upload_source(mesh.deformation)
         # Positions twice, then the attributes, which poses overwrite in place: nobody reads previous normals.
         size = mesh.positions.nbytes
         total = 2 * size + (0 if attributes is None else attributes.nbytes)
         name = f"posed {mesh.name or 'mesh'}"
-        shape.buffer = buffer = device.buffer(total, name)
+        posed.buffer = buffer = device.buffer(total, name)
         if attributes is not None:
             buffer.upload(attributes, 2 * size)
-        shape.addresses = buffer.address, buffer.address + size, buffer.address + 2 * size
-        shape.side = 0
-        shape.refits = 0
-        self._moving.pop(shape, None)
-        if not self._rows[shape][1]:
+        posed.addresses = buffer.address, buffer.address + size, buffer.address + 2 * size
+        posed.side = 0
+        posed.refits = 0
+        self._moving.pop(posed, None)
+        if not self._rows[posed][1]:
             return
         record = self._meshes.records[base]
-        for address in shape.addresses[:2]:
+        for address in posed.addresses[:2]:
             geometry = TriangleGeometry(
                 positions=address,
                 position_count=len(mesh.positions),
@@ -246,7 +246,7 @@ class ScenePoses:
             )
             blas = Blas(device, [geometry], allow_compaction=False, name=name, update_mode=UpdateMode.PREFER_UPDATE)
             blas.ensure_storage()
-            shape.blases.append(blas)
+            posed.blases.append(blas)
 
     def _upload_source(self, deformation: Deformation | None) -> Buffer:
         """Influences, then for each target and vertex all that it adds."""
@@ -268,18 +268,18 @@ class ScenePoses:
                 offset += part.nbytes
         return buffer
 
-    def _write_record(self, shape: PosedMesh, base: int) -> None:
-        row, _ = self._rows[shape]
+    def _write_record(self, posed: PosedMesh, base: int) -> None:
+        row, _ = self._rows[posed]
         self._meshes.records[row] = self._meshes.records[base]
         record = self._meshes.records[row]
-        low, high = shape.deformation.bounds(shape.mesh.positions, *shape.pose)
+        low, high = posed.deformation.bounds(posed.mesh.positions, *posed.pose)
         record["bounds_min"] = low
         record["bounds_max"] = high
-        record["positions"] = record["previous_positions"] = shape.addresses[shape.side]
-        record["attributes"] = shape.addresses[2] if record["attributes"] else 0
+        record["positions"] = record["previous_positions"] = posed.addresses[posed.side]
+        record["attributes"] = posed.addresses[2] if record["attributes"] else 0
         self._meshes.mark([row])
         x, y, z = high - low
-        shape.area = float(x * y + y * z + z * x)
+        posed.area = float(x * y + y * z + z * x)
 
     def time_poses(self) -> Stopwatch:
         """Time the device's work from now on; returns what tells the times of the latest poses, by TIMED."""
@@ -295,8 +295,8 @@ class ScenePoses:
 
     def destroy(self) -> None:
         """Free everything."""
-        for shape in self._rows:
-            shape.destroy()
+        for posed in self._rows:
+            posed.destroy()
         for source in self._sources.values():
             source.destroy()
         for edited in self._edited.values():

@@ -12,10 +12,10 @@ from typing import Any
 from solari_vk.base.errors import SolariError
 from solari_vk.bound.assets import Assets
 from solari_vk.bound.constants import NO_INDEX, WITHOUT_BLEND, WITHOUT_DISPERSION
-from solari_vk.bound.geometry import Shape
+from solari_vk.bound.geometry import DeviceMesh
 from solari_vk.bound.lights.emissive_meshes import Emission, Emissions
 from solari_vk.bound.lights.light_list import LightList, Position
-from solari_vk.bound.table import MakeTable, Rows
+from solari_vk.bound.table import MakeTable, Slots
 from solari_vk.bound.traced_instances import TracedRecords
 from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.tensors.imports import DeviceTensor
@@ -42,10 +42,10 @@ class SceneRecords:
         self.scene = scene
         self.lights = lights  # as of the latest `write`
         self.traced = TracedRecords(table)
-        self.instance_table = table("instances", assets.layout["instances"], INSTANCE)
-        self.instance_rows: Rows[Instance] = Rows()  # of instance_table
-        self.emissions = Emissions(device, assets.layout["light_leaves"]["by_power"])
-        self.without = WITHOUT_BLEND | WITHOUT_DISPERSION
+        self.instance_table = table("instances", assets.block_dtypes["instances"], INSTANCE)
+        self.instance_rows: Slots[Instance] = Slots()  # of instance_table
+        self.emissions = Emissions(device, assets.block_dtypes["light_leaves"]["by_power"])
+        self.absent_features = WITHOUT_BLEND | WITHOUT_DISPERSION
         """The features that no instance of the scene has had so far."""
         self.revision = 0
         self.record_revision = 0
@@ -54,7 +54,7 @@ class SceneRecords:
         self._assets = assets
         self._geometry = assets.geometry
         # The meshes that raster and rays see of each instance, and its material.
-        self._uses: dict[Instance, tuple[Shape, Shape, Material]] = {}
+        self._uses: dict[Instance, tuple[DeviceMesh, DeviceMesh, Material]] = {}
         self._ids: dict[Instance, int] = {}
         self._last_id = 0
         self._changed: dict[Observable, None] = dict.fromkeys((*scene.instances, *scene.lights, *scene.cameras))
@@ -116,8 +116,8 @@ class SceneRecords:
         of the other scenes' shaders that this scene must not use."""
         self.traced.sort()
         info = self.lights.info
-        if info.records["without"][0] != self.without:
-            info.records["without"][0] = self.without
+        if info.records["absent_features"][0] != self.absent_features:
+            info.records["absent_features"][0] = self.absent_features
             info.mark([0])
 
     def confirm(self) -> None:
@@ -223,10 +223,12 @@ class SceneRecords:
         if before is not None and before != self._uses.get(instance):
             self._release(instance, *before)
 
-    def _add_or_update(self, instance: Instance, before: tuple[Shape, Shape, Material] | None) -> None:
-        shape = self._geometry.shape(instance.mesh, instance)
-        ray_shape = shape if instance.ray_mesh is None else self._geometry.shape(instance.ray_mesh, instance)
-        after = shape, ray_shape, instance.material
+    def _add_or_update(self, instance: Instance, before: tuple[DeviceMesh, DeviceMesh, Material] | None) -> None:
+        device_mesh = self._geometry.device_mesh(instance.mesh, instance)
+        device_ray_mesh = (
+            device_mesh if instance.ray_mesh is None else self._geometry.device_mesh(instance.ray_mesh, instance)
+        )
+        after = device_mesh, device_ray_mesh, instance.material
         self._assets.features.add_of(instance)
         if before is None and self.instance_rows.acquire(instance, None):
             instance.watch(self)
@@ -236,7 +238,7 @@ class SceneRecords:
                 raise SolariError(f"{self.scene.describe()} has more than {MAX_INSTANCES} instances")
         self._to_write[instance] = None
         if before != after:
-            if before is not None and before[1] is not ray_shape and self.lights.index(instance) is not None:
+            if before is not None and before[1] is not device_ray_mesh and self.lights.index(instance) is not None:
                 self.lights.renew_id(instance)
             self._acquire(instance, *after)
             self._uses[instance] = after
@@ -254,12 +256,12 @@ class SceneRecords:
         del self._uses[instance], self._ids[instance]
         self.instance_rows.release(instance, None)
 
-    def _acquire(self, instance: Instance, mesh: Shape, ray_mesh: Shape, material: Material) -> None:
+    def _acquire(self, instance: Instance, mesh: DeviceMesh, ray_mesh: DeviceMesh, material: Material) -> None:
         self._geometry.acquire(mesh, instance, traced=False)
         self._geometry.acquire(ray_mesh, instance, traced=True)
         self._assets.materials.acquire(material, instance)
 
-    def _release(self, instance: Instance, mesh: Shape, ray_mesh: Shape, material: Material) -> None:
+    def _release(self, instance: Instance, mesh: DeviceMesh, ray_mesh: DeviceMesh, material: Material) -> None:
         self._geometry.release(mesh, instance, traced=False)
         self._geometry.release(ray_mesh, instance, traced=True)
         self._assets.materials.release(material, instance)
@@ -269,16 +271,16 @@ class SceneRecords:
             if instance.alpha_mode != "opaque":
                 self._assets.features.add_of(instance)
             if instance.alpha_mode == "blend":
-                self._geometry.use_single_hits(instance.ray_mesh or instance.mesh)
+                self._geometry.use_no_duplicate_any_hit(instance.ray_mesh or instance.mesh)
 
     # ---- emitters -----------------------------------------------------------------------------------
 
     def emission_of(self, instance: Instance, original: Instance) -> tuple[Emission, float, Position, Position]:
         """What `LightList.set_emissive` is told of an instance that emits light: its emission, which lasts until
         `emissions` releases it, its area, position and half size. original: the scene's instance with its meshes."""
-        _, shape, _ = self._uses[original]
-        position, half_size, volume = placed_box(instance.transform, *self._geometry.box(shape))
-        emission = self.emissions.acquire(instance, self._geometry.orders[shape])
+        _, device_mesh, _ = self._uses[original]
+        position, half_size, volume = placed_box(instance.transform, *self._geometry.box(device_mesh))
+        emission = self.emissions.acquire(instance, self._geometry.orders[device_mesh])
         # An instance that is scaled by s has s^2 times the area, and s^3 times the volume.
         return emission, volume ** (2 / 3) * emission.area_in(instance.joint_matrices), position, half_size
 
@@ -317,9 +319,9 @@ class SceneRecords:
         mesh_rows = self._geometry.rows
         light = self.lights.index(instance)
         if alpha_mode == "blend":
-            self.without &= ~WITHOUT_BLEND
+            self.absent_features &= ~WITHOUT_BLEND
         if material.disperses:
-            self.without &= ~WITHOUT_DISPERSION
+            self.absent_features &= ~WITHOUT_DISPERSION
         (a, b, c, x), (d, e, f, y), (g, h, i, z), _ = instance.transform.tolist()
         columns = (a, d, g, b, e, h, c, f, i, x, y, z)  # matrices of GLSL lie in memory column by column
         self.instance_table.set(

@@ -159,7 +159,7 @@ class Table(HostTable):
         self.buffer.destroy()
 
 
-def upload(device: Device, tables: Sequence[Table]) -> None:
+def upload_tables(device: Device, tables: Sequence[Table]) -> None:
     """Upload the marked rows of tables that have some, before the next submission."""
     # While no work in progress reads the tables, the host may write where the device reads.
     if device.idle:
@@ -181,7 +181,7 @@ def upload(device: Device, tables: Sequence[Table]) -> None:
         device.start_with_next(record, "edits of the scene")
 
 
-class Rows(dict[Key, int]):
+class Slots(dict[Key, int]):
     """Assigns a row to each object in use: from its first user until its last user releases it."""
 
     def __init__(self) -> None:

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from solari_vk.bound.table import Rows, Table, content_of
+from solari_vk.bound.table import Slots, Table, content_of
 from solari_vk.bound.texture_tensors import DTYPES, TextureTensors
 from solari_vk.gpu.device import raw
 from solari_vk.gpu.device.device import Device
@@ -34,15 +34,15 @@ class TextureTable:
 
     def __init__(self, device: Device, record: np.dtype[Any], watcher: Any, port: TensorPort) -> None:
         self.table = Table(device, "textures", record)
-        self.rows: Rows[tuple[Texture, bool]] = Rows()
+        self.rows: Slots[tuple[Texture, bool]] = Slots()
         self._device = device
         self._watcher = watcher
         self._images: dict[ImageKey, Image] = {}
         # Equal pixels share an image. Edited ones have a content of their own, equal to no other.
-        self._contents: Rows[Hashable] = Rows()
+        self._contents: Slots[Hashable] = Slots()
         self._content_of: dict[ImageKey, Hashable] = {}
-        self._image_users: Rows[ImageKey] = Rows()
-        self._descriptors: Rows[DescriptorKey] = Rows()
+        self._image_users: Slots[ImageKey] = Slots()
+        self._descriptors: Slots[DescriptorKey] = Slots()
         self._linked: dict[tuple[Texture, bool], DescriptorKey] = {}
         self._to_upload: dict[ImageKey, None] = {}
         self._replaced = False  # something of `bound`

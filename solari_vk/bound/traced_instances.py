@@ -87,7 +87,7 @@ class TracedRecords:
         self._mesh_boxes.pop(row, None)
         self._sorted = False
 
-    def place(self, row: int) -> int:
+    def record_index(self, row: int) -> int:
         """The index of a row's record in `table`."""
         return self._indices[row]
 

@@ -45,20 +45,20 @@ def error_of_other(picture: NDArray[Any], first: NDArray[Any], second: NDArray[A
 class ErrorEstimate:
     """The estimated error of a picture whose samples grow in number.
 
-    The owner looks when there are `next_count` samples or more. A picture that isn't their mean is compared with as
+    The owner looks when there are `next_look` samples or more. A picture that isn't their mean is compared with as
     many later samples as it has, so its error is that of half the samples, and the picture at hand is better. first:
     the first number of samples to look at.
     """
 
     def __init__(self, first: int) -> None:
         self.error = math.inf
-        self.next_count = first
+        self.next_look = first
         self._picture: NDArray[Any] | None = None
         # Of earlier looks: the number of samples, the mean's luminance, and its squared error if p were 1.
         self._means: list[tuple[int, Floats, float]] = []
         self._sums: list[tuple[int, Floats]] = []  # numbers of samples, and their sums: with the picture, and later
 
-    def look_at_mean(self, count: int, mean: NDArray[Any]) -> None:
+    def add_mean(self, count: int, mean: NDArray[Any]) -> None:
         """The picture is the mean (height, width, 3) of its samples.
 
         Its variance is estimated from the means of about the first half and of the rest. With independent samples it is
@@ -76,9 +76,9 @@ class ErrorEstimate:
             self.error = math.sqrt(square / (2**power - 1))
         # A first half is found among the looks from a third on.
         self._means = [look for look in self._means if look[0] >= count / 3] + [(count, light, square)]
-        self.next_count = math.ceil(1.25 * count)
+        self.next_look = math.ceil(1.25 * count)
 
-    def look_at_other(self, count: int, mean: NDArray[Any], picture: Callable[[], NDArray[Any]]) -> None:
+    def add_denoised(self, count: int, mean: NDArray[Any], picture: Callable[[], NDArray[Any]]) -> None:
         """The picture is something else made of samples with this mean (height, width, 3)."""
         self._sums.append((count, count * mean.astype(np.float64)))
         if len(self._sums) == 3:
@@ -89,9 +89,9 @@ class ErrorEstimate:
             del self._sums[:2]
         if len(self._sums) == 1:
             self._picture = picture()
-            self.next_count = count + math.ceil(count / 2)
+            self.next_look = count + math.ceil(count / 2)
         else:
-            self.next_count = 2 * self._sums[0][0]
+            self.next_look = 2 * self._sums[0][0]
 
 
 def luminance(picture: NDArray[Any]) -> Floats:

@@ -47,10 +47,10 @@ class FrameAccumulator:
             # In float64, because the rounding of thousands of sums in float32 would show.
             self._sums[name] = self._sums[name] + self._renderer[name].astype("float64")
         self.count += 1
-        if self._estimate is not None and self.count >= self._estimate.next_count:
+        if self._estimate is not None and self.count >= self._estimate.next_look:
             size = self._renderer.render_size
             mean = self._sums[self._raw] / self.count
-            self._estimate.look_at_other(self.count, mean, lambda: area_means(self["radiance"], size))
+            self._estimate.add_denoised(self.count, mean, lambda: area_means(self["radiance"], size))
 
     def __getitem__(self, name: str) -> NDArray[Any]:
         if name in self._sums:

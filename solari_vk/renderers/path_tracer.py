@@ -48,7 +48,7 @@ class PathTracer(RendererBase):
     """
 
     OUTPUTS = ("radiance", "raw_radiance", *FIRST_HITS, "variance")
-    begun = 0, 0
+    unfinished_bands = 0, 0
     """The samples per pixel that `advance` is tracing in bands of rows, and the row that comes next; 0, 0 if none."""
     LARGEST_PIXEL_BYTES = reference.LARGEST_PIXEL_BYTES
     IN_IMAGES = False
@@ -133,7 +133,7 @@ class PathTracer(RendererBase):
 
     def _begin_picture(self) -> None:
         self._sample_counts.begin()
-        self.begun = 0, 0
+        self.unfinished_bands = 0, 0
         self._denoised: tuple[int, NDArray[np.float32]] | None = None  # number of samples, and the picture
         self._guides: list[NDArray[Any]] | None = None
 
@@ -184,7 +184,7 @@ class PathTracer(RendererBase):
             return self._render_exposed(camera, samples, shutter, pose, denoise, is_late, progress)
         self._prepare(camera)
         # Before the target is known, so that all pixels have equally many samples when the first error is estimated.
-        if self.begun[0]:
+        if self.unfinished_bands[0]:
             self._add_samples(0)  # the rest of what `advance` has begun
         self._sample_counts.set_target(target_error, denoise, samples)
         self._warn_of_darkness()
@@ -239,8 +239,8 @@ class PathTracer(RendererBase):
         """Trace `count` samples of all pixels, or what is left of the latest, in bands; returns the timeline value."""
         first, height = self._sample_counts.first, self.size[1]
         top = 0
-        if self.begun[0]:
-            count, top = self.begun
+        if self.unfinished_bands[0]:
+            count, top = self.unfinished_bands
         # A picture that `advance` has begun goes on with the samples and the row at which it stopped.
         below = height if bands is None else min(top + bands * self._dispatch.rows, height)
         try:
@@ -248,7 +248,7 @@ class PathTracer(RendererBase):
         except BaseException:
             self.reset()  # some bands have these samples and others don't
             raise
-        self.begun = (count, below) if below < height else (0, 0)
+        self.unfinished_bands = (count, below) if below < height else (0, 0)
         return submission
 
     def _trace_rows(self, top: int, below: int, first: int, end: int) -> int:
@@ -272,7 +272,7 @@ class PathTracer(RendererBase):
 
     def _adapt_dispatches(self) -> None:
         """Choose the next dispatches' size by the time of the latest ones, where these tell what a sample costs."""
-        if self.begun[0] or self._sample_counts.is_uneven:
+        if self.unfinished_bands[0] or self._sample_counts.is_uneven:
             return
         if self._dispatch.adapt(self._frame):
             self._frame.rebuild(self._stages(self.size))

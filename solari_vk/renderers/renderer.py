@@ -104,7 +104,7 @@ class Renderer(RendererBase):
             self._blended_changes = 0  # the binder's count in the latest frame
             self._previous_jitter = (0.0, 0.0)  # the camera's own
             self._written_settings: tuple[Any, ...] = ()  # what the settings in the uniforms were written from
-            self._lights = self._owned.enter_context(closing(IndexTranslation(device)))
+            self._light_translation = self._owned.enter_context(closing(IndexTranslation(device)))
             self._changed_lights = RecentChanges()
             frame = SceneFrame(device, self.binder, self._stages(self.size), external=self._inputs())
             self._frame = self._owned.enter_context(frame)
@@ -185,7 +185,7 @@ class Renderer(RendererBase):
         """How the surface of a pixel is found: "raster" or "traced", as the setting says or, for "auto", the device and
         the scene and the camera."""
         return gbuffer.chosen_method(
-            self.device.properties.kind, self.settings.gbuffer, self.binder.features, self._has_lens
+            self.device.properties.kind, self.settings.gbuffer, self.binder.features, self._bends_rays
         )
 
     def _stages(self, picture: tuple[int, int]) -> list[Stage]:
@@ -212,7 +212,7 @@ class Renderer(RendererBase):
 
     def _inputs(self) -> dict[str, Any]:
         """What the stages' shaders are given beside the scene, by name."""
-        return self._tables | self._lights.buffers
+        return self._tables | self._light_translation.buffers
 
     def _prepare(self) -> None:
         """Have the next frame show the scene and the settings as they are."""
@@ -225,7 +225,7 @@ class Renderer(RendererBase):
             self.binder.version,
             self._debug_view,
             self._tonemap,
-            self._has_lens,
+            self._bends_rays,
             self._frame.uniforms.version,
         )
         # Most frames have the settings of the one before, whose uniforms then stay as they are.
@@ -236,8 +236,10 @@ class Renderer(RendererBase):
             self._written_settings = seen
         # Reservoirs and histories name lights by the previous frame's numbers, which are translated where they changed.
         lights = self.binder.lights
-        if self._lights.update(lights.ids, lights.emitted, lights.positions, self.settings.world_cache_cell_size):
-            self._frame.bind(self._lights.buffers)
+        if self._light_translation.update(
+            lights.ids, lights.emitted, lights.positions, self.settings.world_cache_cell_size
+        ):
+            self._frame.bind(self._light_translation.buffers)
 
     def _build_key(self) -> tuple[Any, ...]:
         """Everything that `_stages` depends on."""
@@ -285,9 +287,9 @@ class Renderer(RendererBase):
         history = self._has_history
         lights = self.binder.lights
         cell_size = self.settings.world_cache_cell_size
-        self._changed_lights.update(lights.ids, lights.emitted, lights.places, lights.positions, cell_size)
+        self._changed_lights.update(lights.ids, lights.emitted, lights.centers, lights.positions, cell_size)
         if not history:  # no light has changed since a frame that doesn't count
-            self._lights.change = 0.0
+            self._light_translation.change = 0.0
             self._changed_lights.clear()
         # Each frame sees all through one point of the lens: Haeberli and Akeley, "The Accumulation Buffer" (1990).
         on_lens = lens_point(camera, self.frame_count + SEED_STRIDE * self.seed)
@@ -301,7 +303,7 @@ class Renderer(RendererBase):
             self.seed,
             history,
             projection.exposure,
-            self._lights.change,
+            self._light_translation.change,
             self.binder.blended_changes != self._blended_changes,
             *offset,
             x - previous_x,

@@ -56,7 +56,7 @@ class RendererBase(Hints):
     _frame: SceneFrame
     _latest: RenderedFrame | None = None
     _closed = False
-    _has_lens = False  # whether the latest camera has one that raster can't draw, or an aperture
+    _bends_rays = False  # whether the latest camera has one that raster can't draw, or an aperture
     _looked_for_light = False
     _metered_frames = 0  # that chose the exposure of a camera
 
@@ -68,7 +68,7 @@ class RendererBase(Hints):
         try:
             # The tables and the subclasses' frames need to know the scene's features.
             self.binder.update()
-            self._has_lens = any(camera.has_lens or camera.aperture for camera in self.binder.scene.cameras)
+            self._bends_rays = any(camera.has_lens or camera.aperture for camera in self.binder.scene.cameras)
             table, self._tables = brdf_table.compute(device)
             self._owned.enter_context(table)
             self.first_hits = self._owned.enter_context(closing(FirstHitReader(device, self.binder, self._tables)))
@@ -284,7 +284,7 @@ class RendererBase(Hints):
         bends_rays = camera.has_lens or camera.aperture > 0
         if bends_rays and rasters:
             raise SolariError(f"{camera.describe()}: raster draws no lenses: leave the setting gbuffer at auto")
-        self._has_lens = bends_rays
+        self._bends_rays = bends_rays
         # The scene's own cameras are known to the binder; this one may be another.
         if camera.has_lens and LENSES not in self.binder.features:
             self.binder.mark_changed(camera)

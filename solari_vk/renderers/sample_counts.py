@@ -84,7 +84,7 @@ class SampleCounts:
             return max(limit - self.samples, 0)
         if self._estimate_error() <= self._target:
             return 0
-        return max(min(limit, self._estimate.next_count) - self.samples, 0)
+        return max(min(limit, self._estimate.next_look) - self.samples, 0)
 
     def _plan_pass(self, plan: SamplePlan, limit: int, target: float) -> None:
         """Choose how many samples each pixel takes next, where they lower the error most."""
@@ -139,10 +139,10 @@ class SampleCounts:
         self._frame.uniforms["path_sampling.has_sample_ranges"] = 1
 
     def _estimate_error(self) -> float:
-        if self.samples >= self._estimate.next_count:
+        if self.samples >= self._estimate.next_look:
             mean = self._read("raw_radiance")
             if self.denoises:
-                self._estimate.look_at_other(self.samples, mean, lambda: self._read("radiance"))
+                self._estimate.add_denoised(self.samples, mean, lambda: self._read("radiance"))
             else:
-                self._estimate.look_at_mean(self.samples, mean)
+                self._estimate.add_mean(self.samples, mean)
         return self._estimate.error

@@ -18,7 +18,7 @@ from solari_vk.base.errors import SolariError
 from solari_vk.bound.binder import SceneBinder
 from solari_vk.bound.constants import NO_INDEX
 from solari_vk.bound.lights.light_kinds import KIND_INDEX
-from solari_vk.bound.table import Table, upload
+from solari_vk.bound.table import Table, upload_tables
 from solari_vk.bound.traced_instances import HIDDEN, VISIBLE
 from solari_vk.gpu.acceleration.tlas import Tlas
 from solari_vk.gpu.device.device import Device
@@ -422,7 +422,7 @@ def test_tables_reach_memory_that_is_not_mapped(any_device, rng):
             for row in picked:
                 table.set(row, row, *rng.normal(size=3))
             table.replace()
-            upload(device, [table])
+            upload_tables(device, [table])
             assert not table.marked
             assert np.array_equal(table.buffer.read(record), table.records)
 

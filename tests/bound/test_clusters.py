@@ -140,7 +140,7 @@ def check_leaves(binder, meshes):
         np.testing.assert_allclose(nodes["center"], (low + high) / 2, rtol=1e-4, atol=1e-4)
         np.testing.assert_allclose(nodes["half_size"], (high - low) / 2, rtol=1e-4, atol=1e-4)
         expected = np.add.reduceat(areas(corners), starts) / areas(corners).sum()
-        finite = lights.powers[: len(lights.places)]
+        finite = lights.powers[: len(lights.centers)]
         np.testing.assert_allclose(nodes["power"], finite[light] / finite.sum() * expected, rtol=1e-4)
         of_light = shares[tables.leaves(light)]
         np.testing.assert_allclose(of_light / of_light.sum(), expected, rtol=1e-4)

@@ -61,8 +61,8 @@ def test_a_picture_is_compared_with_later_samples():
     pictures = {8: gray(1.05 * truth), 17: gray(1.2 * truth), 34: gray(truth)}
     looks = []
     for count in range(1, 41):
-        if count >= estimate.next_count and count != 16:  # the owner may be late
-            estimate.look_at_other(count, mean_of(samples[:count]), lambda: pictures[count])  # noqa: B023
+        if count >= estimate.next_look and count != 16:  # the owner may be late
+            estimate.add_denoised(count, mean_of(samples[:count]), lambda: pictures[count])  # noqa: B023
             looks.append((count, estimate.error))
     expected = [
         error_of_other(pictures[begin], mean_of(samples[begin:middle]), mean_of(samples[middle:end]))
@@ -84,7 +84,7 @@ def test_the_halves_of_a_mean_tell_its_error():
             variance = 0.09 * count ** (-2 * exponent)
             off = share * off + np.sqrt(variance * (1 - share)) * noise.standard_normal(SIZE)
             share = 2 ** (-2 * exponent)
-            estimate.look_at_mean(count, gray(LIGHT * (1 + off)))
+            estimate.add_mean(count, gray(LIGHT * (1 + off)))
             assert np.isinf(estimate.error) == (count == 1)
         error = np.sqrt((off**2).mean())
         assert 0.85 < estimate.error / error < 1.15

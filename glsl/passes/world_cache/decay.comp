@@ -31,7 +31,7 @@ bool is_outdated(uint cell) {
 void relight(uint cell) {
 #ifdef MANY_VIEWS
     world_index = world_cache_worlds.at[cell];
-    float share = changed_lights.share;
+    float share = changed_lights.fraction;
 #else
     float share = this_frame.lighting_change;
 #endif

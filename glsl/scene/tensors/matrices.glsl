@@ -14,9 +14,9 @@ layout(push_constant, scalar) uniform Work {
     uint step;         // from one matrix to the next, in numbers
     uint count;
     uint what;         // a number above 0 for the target
-    uint first_place;  // of records, in floats: where the first begins, and from one to the next
+    uint first_offset;  // of records, in floats: where the first begins, and from one to the next
     uint first_step;
-    uint second_place;
+    uint second_offset;
     uint second_step;
 } work;
 

@@ -1,5 +1,5 @@
 // Memory that the host gives by address: numbers, such as those of a tensor, and where they go. The host puts barriers
-// around the shaders: solari_vk/gpu/tensors/port.py and solari_vk/batch/view_table.py.
+// around the shaders: solari_vk/gpu/tensors/port.py and solari_vk/batch/view_buffer.py.
 #ifndef SCENE_TENSORS_NUMBERS_GLSL
 #define SCENE_TENSORS_NUMBERS_GLSL
 

@@ -1,4 +1,4 @@
-// The memory of a batch's views, by address: solari_vk/batch/view_table.py.
+// The memory of a batch's views, by address: solari_vk/batch/view_buffer.py.
 #ifndef SCENE_TENSORS_VIEW_RECORDS_GLSL
 #define SCENE_TENSORS_VIEW_RECORDS_GLSL
 

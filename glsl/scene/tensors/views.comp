@@ -1,6 +1,6 @@
 // Makes the records of a batch's views for the next frame: of the numbers that the host gives for each frame, of those
 // that it gives when they change, and of the cameras so far, which become the previous ones. See
-// solari_vk/batch/view_table.py.
+// solari_vk/batch/view_buffer.py.
 #version 460
 #include "scene/tensors/view_records.glsl"
 

@@ -27,14 +27,14 @@ PORTAL_SHARE = 0.5
 class LightLeaves:
     """The tables `light_leaves`, in the order of the lights, and `light_tree` over those that are not at infinity."""
 
-    def __init__(self, table: MakeTable, layout: dict[str, Any]) -> None:
-        self.table = table("light_leaves", layout["light_leaves"])
-        self.tree = table("light_tree", layout["light_tree"])
+    def __init__(self, table: MakeTable, block_dtypes: dict[str, Any]) -> None:
+        self.table = table("light_leaves", block_dtypes["light_leaves"])
+        self.tree = table("light_tree", block_dtypes["light_tree"])
         self.firsts: NDArray[np.int64] = np.zeros(0, np.int64)
         """Each light's first leaf (N,)."""
         self.count = 0
         self.node_count = 0
-        self.light_tree = LightTree(layout["light_tree"])
+        self.light_tree = LightTree(block_dtypes["light_tree"])
         self._lights: NDArray[np.int64] = np.zeros(0, np.int64)  # of each leaf
         self._shares: Floats = np.zeros(0)  # of each leaf in its light
         self._bounds: Floats = np.zeros((0, 2, 3))

@@ -39,23 +39,25 @@ class LightList:
     data: for a list in the host's memory alone: the data of its maker, who has the blockers too, or what scenes share.
     """
 
-    def __init__(self, device: Device, layout: dict[str, Any], data: LightData | SharedBuffers | None = None) -> None:
+    def __init__(
+        self, device: Device, block_dtypes: dict[str, Any], data: LightData | SharedBuffers | None = None
+    ) -> None:
         table: MakeTable = partial(Table, device) if data is None else HostTable
-        self.sources = table("light_sources", layout["light_sources"])
-        self.info = table("scene_infos", layout["scene_infos"])
-        self.leaves = LightLeaves(table, layout)
+        self.sources = table("light_sources", block_dtypes["light_sources"])
+        self.info = table("scene_infos", block_dtypes["scene_infos"])
+        self.leaves = LightLeaves(table, block_dtypes)
         self._index_of_kind = {kind: index for index, kind in enumerate(light_kinds.LIGHT_KINDS)}
         self._mesh_kind = next(kind for kind in self._index_of_kind if kind.source is Instance)
         with_records = [kind for kind in self._index_of_kind if kind.buffer]
         with_records.sort(key=lambda kind: PLACES.index(kind.met_by_rays))
-        self._records = {kind: table(str(kind.buffer), layout[str(kind.buffer)]) for kind in with_records}
+        self._records = {kind: table(str(kind.buffer), block_dtypes[str(kind.buffer)]) for kind in with_records}
         self.emissive: list[Instance] = []
         """The emissive instances, in the order of their rows."""
         self._index: dict[Instance, int] = {}
         self._others: dict[LightKind, dict[Light, None]] = {kind: {} for kind in with_records}
         self.blockers = Blockers()
         self._has_blockers = not isinstance(data, LightData)
-        by_power = layout["light_leaves"]["by_power"]
+        by_power = block_dtypes["light_leaves"]["by_power"]
         self.data = data if isinstance(data, LightData) else LightData(device, by_power, data)
         self._portal_maps = PortalMaps(device)
         # Arrays over the rows of `sources`. Each change makes a new array, so that readers see changes by identity.
@@ -65,7 +67,7 @@ class LightList:
         """Luminous flux of each row in lumens, roughly."""
         self.emitted: NDArray[np.float64] = np.zeros(0)
         """The same without portals, whose light is that of environments."""
-        self.places: NDArray[np.float64] = np.zeros((0, 3))
+        self.centers: NDArray[np.float64] = np.zeros((0, 3))
         """The centers of the lights that aren't at infinity, which are the first rows, in meters."""
         self.positions: NDArray[np.float64] = np.zeros((0, 3))
         """A point of each row, (N, 3) in meters, that moves with the light."""
@@ -280,7 +282,7 @@ class LightList:
         # A box as its center and half its size becomes one as its min and max.
         emissive = emissive_boxes[:, :1] + emissive_boxes[:, 1:] * ((-1.0,), (1.0,))
         bounds = np.concatenate([emissive, np.reshape(of_others, (-1, 2, 3))])
-        self.places = bounds.mean(axis=1)
+        self.centers = bounds.mean(axis=1)
         moved = {self._index[instance]: boxes for instance, boxes in self._clusters.pop_moved()}
         chance = self.leaves.follow(self.ids[:finite], bounds, self.powers[:finite], moved)
         part_counts = self.sources.records["part_count"][: len(self.powers)]

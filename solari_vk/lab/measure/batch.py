@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from solari_vk.base.errors import SolariError
 from solari_vk.batch.batch import Batch
-from solari_vk.batch.many_frames import ManyFrames
+from solari_vk.batch.many_frames import FrameResults
 from solari_vk.batch.options import OPTIONS
 from solari_vk.bound.binder import SceneBinder
 from solari_vk.gpu.device.device import Device
@@ -104,7 +104,7 @@ class _Asked:
         kind: dict[str, Any] = {"outputs": NAMES} if self.renderer == "labels" else {"outputs": (), "seed": 1}
         return Batch(self.device, self.binder, size, count, renderer=self.renderer, **kind, **options)
 
-    def read(self, results: Batch | ManyFrames) -> None:
+    def read(self, results: Batch | FrameResults) -> None:
         """Wait for the results."""
         for name in self.names:
             _ = results.tensor(name) if self.tensors else results[name]

@@ -244,9 +244,9 @@ def _chunks(first: Chunk, samples: int | None) -> Iterator[Chunk]:
 
 
 def _estimated_error(estimate: ErrorEstimate, picture: ReferencePicture) -> float:
-    if picture.samples >= estimate.next_count:
+    if picture.samples >= estimate.next_look:
         if picture.denoised:
-            estimate.look_at_other(picture.samples, picture.raw_radiance, lambda: picture.radiance)
+            estimate.add_denoised(picture.samples, picture.raw_radiance, lambda: picture.radiance)
         else:
-            estimate.look_at_mean(picture.samples, picture.raw_radiance)
+            estimate.add_mean(picture.samples, picture.raw_radiance)
     return estimate.error

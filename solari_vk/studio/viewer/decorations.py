@@ -93,7 +93,7 @@ class Decorations:
         session, area = self._session, self._session.layout.picture
         if session.pictures.most_bands and session.pictures.reference is not None and not session.refinement.finished:
             tracer = session.pictures.reference.tracer
-            end = area.y + tracer.begun[1] / tracer.size[1] * area.height
+            end = area.y + tracer.unfinished_bands[1] / tracer.size[1] * area.height
             lines.add_rect_filled(imgui.ImVec2(area.x, area.y), imgui.ImVec2(area.x + BAND_WIDTH, end), PICKED)
 
     def _draw_markers(self, lines: Any) -> None:

@@ -184,7 +184,7 @@ class Pictures:
     def complete(self) -> None:
         """Give all pixels of the path tracer's picture as many samples, by tracing the bands that lack the latest."""
         tracer = self.reference and self.reference.tracer
-        if tracer and self.camera is not None and self.mode != "realtime" and tracer.begun[0]:
+        if tracer and self.camera is not None and self.mode != "realtime" and tracer.unfinished_bands[0]:
             tracer.advance(self.camera)
 
     @property

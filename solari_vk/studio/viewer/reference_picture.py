@@ -79,7 +79,7 @@ class ReferencePicture:
     @property
     def mean_samples(self) -> float:
         """The mean number of samples of a pixel so far: a part of the rows may have more than the others."""
-        count, row = self.tracer.begun
+        count, row = self.tracer.unfinished_bands
         return self.tracer.samples + count * row / self.tracer.size[1]
 
     def render(

@@ -75,16 +75,16 @@ def test_bands_trace_what_whole_pictures_do(device):
         seen = []
         while tracer.samples < 3:
             tracer.advance(max_samples=1, bands=1)
-            seen.append((tracer.samples, *tracer.begun))
+            seen.append((tracer.samples, *tracer.unfinished_bands))
         assert (tracer["radiance"] == expected).all()
         assert seen == sorted(seen)
         assert len(seen) == 12, "four bands for each sample"
         tracer.advance(max_samples=1, bands=3)
         tracer.advance()
-        assert (tracer.samples, tracer.begun) == (4, (0, 0)), "the rest of the picture"
+        assert (tracer.samples, tracer.unfinished_bands) == (4, (0, 0)), "the rest of the picture"
         tracer.advance(max_samples=1, bands=1)
         tracer.advance(sv.Camera.look_at((0, 1, 3), (0, 1, 0)), 1, bands=1)
-        assert (tracer.samples, tracer.begun) == (0, (1, 8)), "another view begins anew"
+        assert (tracer.samples, tracer.unfinished_bands) == (0, (1, 8)), "another view begins anew"
 
 
 @pytest.mark.slow

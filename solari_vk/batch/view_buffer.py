@@ -31,29 +31,35 @@ SHARED = np.dtype(
     [("columns", "u4"), ("world_parts", "u4"), ("has_own_lights", "u4"), ("index", "u4"), ("poses", "u8")]
 )
 _WORLD = [("world", "u4"), ("first_instance", "u4")]
-# The rows that follow, each with a number of every view: matrices of poses, 4 offsets, and whether the view is cut.
+# The rows that follow, each with a number of every view: matrices of poses, 4 offsets, and whether the view is reset.
 _OFFSETS = POSE_NUMBERS
-_CUT = POSE_NUMBERS + 4
+_RESET = POSE_NUMBERS + 4
 _ROWS = POSE_NUMBERS + 5
 
 
-class ViewTable:
+class ViewBuffer:
     """The records of a batch's views on the device, for one of its frames. columns: of the grid of their pictures.
     world_parts: of the world cache, which wants the ball around the cameras; 0 without one."""
 
     def __init__(
-        self, device: Device, port: TensorPort, layout: Binding, count: int, columns: int = 1, world_parts: int = 0
+        self,
+        device: Device,
+        port: TensorPort,
+        views_binding: Binding,
+        count: int,
+        columns: int = 1,
+        world_parts: int = 0,
     ) -> None:
-        assert layout.element is not None
+        assert views_binding.element is not None
         self._device = device
         self._count = count
-        self._begin = layout.element_offset
+        self._begin = views_binding.element_offset
         self._first = True  # no frame has been shown
         self._written = False  # `records` were, or must be, since the latest upload
         self._seen: tuple[tuple[Any, ...], tuple[Any, ...]] = (), ()  # what the records were made from
         self._port = port
         self._poses: Buffer | None = None  # of tensors, as rows
-        fields = layout.element.fields
+        fields = views_binding.element.fields
         assert fields is not None
         inputs = [("camera", fields["current"][0]), ("frame", fields["frame"][0]), *_WORLD]
         self.records = np.zeros(count, inputs)
@@ -66,13 +72,13 @@ class ViewTable:
         """What all views share (1,)."""
         rows = memory[SHARED.itemsize :].view(np.float32).reshape(_ROWS, count)
         self._rows = rows[:POSE_NUMBERS]
-        self._cut = rows[_CUT]
-        self.offsets = rows[_OFFSETS:_CUT].reshape(2, 2, count)
+        self._reset = rows[_RESET]
+        self.offsets = rows[_OFFSETS:_RESET].reshape(2, 2, count)
         """Camera.jitter and FrameValues.sample_jitter by x and y (2, 2, N), kept from frame to frame."""
         self.shared["columns"] = columns
         self.shared["world_parts"] = world_parts
         with device.undone_on_error():
-            self.buffer = device.buffer(self._begin + count * layout.element.itemsize, "views")
+            self.buffer = device.buffer(self._begin + count * views_binding.element.itemsize, "views")
             self.buffer.fill()
             self._steps = [(Kernel(device, "scene/tensors/views.comp"), count)]
             if world_parts:
@@ -116,9 +122,9 @@ class ViewTable:
         for name, values in (samples or {}).items():
             now[name] = values
 
-    def upload_frame(self, cameras: ViewCameras, cut: NDArray[np.bool_], index: int = 0) -> None:
+    def upload_frame(self, cameras: ViewCameras, reset: NDArray[np.bool_], index: int = 0) -> None:
         """Have the next submission make the records of a frame with this index. Those so far become the previous
-        cameras, but for views that are cut, (N,) or one for all."""
+        cameras, but for views that are reset, (N,) or one for all."""
         poses = cameras.poses
         address = self._frame.buffer.address + SHARED.itemsize
         if isinstance(poses, DeviceTensor):
@@ -129,7 +135,7 @@ class ViewTable:
         else:
             self._rows[:] = poses
         # The first frame has no records before, whose cameras could be the previous ones.
-        self._cut[:] = True if self._first else cut
+        self._reset[:] = True if self._first else reset
         self.shared["index"] = index
         self.shared["poses"] = address
         if self._written:
