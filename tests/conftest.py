@@ -42,13 +42,13 @@ def pytest_configure(config):
     # A shell ignores Ctrl-C in what it runs in the background; tests send it to themselves and to their children.
     signal.signal(signal.SIGINT, signal.default_int_handler)
     config.addinivalue_line("markers", "provokes_validation: the test makes validation messages on purpose")
-    note = instance_module.note_message
+    note = instance_module.record_message
 
     def note_and_log(messages, text):
         _messages.append(text)
         note(messages, text)
 
-    instance_module.note_message = note_and_log
+    instance_module.record_message = note_and_log
 
 
 def pytest_collection_finish():

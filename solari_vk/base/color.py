@@ -7,5 +7,5 @@ LUMINANCE_WEIGHTS = (0.2126, 0.7152, 0.0722)
 
 
 def glsl_header() -> str:
-    """`generated/color.glsl`: LUMINANCE_WEIGHTS."""
+    """`generated/base/color.glsl`: LUMINANCE_WEIGHTS."""
     return f"const vec3 LUMINANCE_WEIGHTS = vec3{LUMINANCE_WEIGHTS};"

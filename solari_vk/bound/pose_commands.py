@@ -113,7 +113,7 @@ class PoseCommands:
         self._device.start_with_next(lambda commands: self._record(commands, posed_meshes, builds), "pose meshes")
         at = clock.tick()
         for posed, update in builds:
-            posed.blases[posed.side].note_build(at, update=update)
+            posed.blases[posed.side].mark_built(at, update=update)
             posed.refits = posed.refits + 1 if update else 0
             if not update:
                 posed.built_area = posed.area

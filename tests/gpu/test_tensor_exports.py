@@ -78,7 +78,7 @@ def test_a_capsule_shows_memory_until_its_last_user_is_gone(dtype):
     capsule = HostTensor(array, lambda: released.append("unused")).__dlpack__()
     del capsule
     assert released == ["used", "unused"]
-    assert not dlpack._held
+    assert not dlpack._references
 
 
 def test_software_devices_give_arrays(device):

@@ -83,9 +83,9 @@ class Blas(Structure):
         if self.handle is None:
             self.create(self.size)
 
-    def note_build(self, at: int, *, update: bool = False) -> None:
-        """Note a build, which ends a preparation of compaction."""
-        super().note_build(at, update=update)
+    def mark_built(self, at: int, *, update: bool = False) -> None:
+        """Record a build, which ends a preparation of compaction."""
+        super().mark_built(at, update=update)
         self._built_from = self.geometries
         self._drop_preparation()
 
@@ -137,7 +137,8 @@ class Blas(Structure):
     def move_to(self, size: int) -> Callable[[], None]:
         """Replace the storage by one of this size, for a compacted copy; returns a function that frees the old one."""
         # The old storage is read by the compacting copy, so the caller frees it after that is submitted.
-        storage, token = self._storage, self._token
+        storage = self._storage
+        token = self._token
         self.create(size)
         self.compacted = True
 

@@ -111,7 +111,7 @@ def submit_batch(device: Device, batch: Sequence[BlasBuild], at: int) -> None:
 
     device.start(record, "build blases")
     for build in batch:
-        build.blas.note_build(at, update=build.update)
+        build.blas.mark_built(at, update=build.update)
     # The buffer is freed when this submission is done.
     scratch.destroy()
 
@@ -119,7 +119,8 @@ def submit_batch(device: Device, batch: Sequence[BlasBuild], at: int) -> None:
 def compact_in_place(device: Device, blases: Sequence[Blas]) -> None:
     """Move structures that were just built, and that nothing refers to yet, to storage of their compacted size."""
     sizes = SizeQuery(device, [blas.handle for blas in blases]).read()
-    copies, replaced = [], []
+    copies = []
+    replaced = []
     for blas, size in zip(blases, sizes, strict=True):
         # A size of 0, or one that is no smaller, leaves the structure where it is: the copy would gain nothing.
         if 0 < size < blas.size:

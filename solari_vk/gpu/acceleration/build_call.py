@@ -49,7 +49,8 @@ class TlasPackage:
 
     def __post_init__(self) -> None:
         check_kind(self.tlas, Tlas, "package: the Tlas", "give what rt.create_tlas makes")
-        what, remedy = f"package of {self.tlas.describe()}", "give a list of rt.TlasInstance objects"
+        what = f"package of {self.tlas.describe()}"
+        remedy = "give a list of rt.TlasInstance objects"
         check_kind(self.instances, (Sequence, TlasInstances), f"{what}: the list of instances", remedy)
         if not isinstance(self.instances, TlasInstances):
             check_items(self.instances, (TlasInstance, type(None)), f"{what}: the instances", remedy)
@@ -81,7 +82,8 @@ class BuildCall:
         """The checks that are made when the call is prepared, and again when it is submitted."""
         check_builds(self._device, [BlasBuild(entry.blas) for entry in self._entries])
         for package in self._packages:
-            tlas, count = package.tlas, len(package.instances)
+            tlas = package.tlas
+            count = len(package.instances)
             tlas.check_alive("build", self._device)
             if count > tlas.max_instances:
                 raise SolariError(

@@ -52,10 +52,10 @@ def check_whole(array: NDArray[Any], what: str) -> None:
         raise SolariError(f"{what}, not {array.dtype}")
 
 
-def numbers(given: Any, what: str) -> NDArray[Any]:
-    """The given numbers as an array of their own type, or float64; raises SolariError unless they are real numbers."""
+def numbers(values: Any, what: str) -> NDArray[Any]:
+    """The values as an array of their own type, or float64; raises SolariError unless they are real numbers."""
     try:
-        array = host_array(given)
+        array = host_array(values)
         if array.dtype.kind == "O":
             if any(item is None for item in array.flat):
                 raise TypeError("None is not a number")  # numpy would convert it to NaN
@@ -63,15 +63,15 @@ def numbers(given: Any, what: str) -> NDArray[Any]:
     except (TypeError, ValueError, OverflowError) as error:
         raise SolariError(f"{what} must be numbers in rows of equal length: {error}") from error
     if array.dtype.kind not in "fiub":
-        raise SolariError(f"{what} must be numbers, not {show(given)}")
+        raise SolariError(f"{what} must be numbers, not {show(values)}")
     return array
 
 
-def check_items(given: Any, kinds: type | tuple[type, ...], what: str, remedy: str) -> list[Any]:
-    """The items as a list; raises SolariError unless `given` is iterable and all items have one of these types."""
-    if isinstance(given, kinds) or not isinstance(given, Iterable):
-        raise SolariError(f"{what} are {show(given)}: give a list; {remedy}")
-    items = list(given)
+def check_items(value: Any, kinds: type | tuple[type, ...], what: str, remedy: str) -> list[Any]:
+    """The items as a list; raises SolariError unless `value` is iterable and all items have one of these types."""
+    if isinstance(value, kinds) or not isinstance(value, Iterable):
+        raise SolariError(f"{what} are {show(value)}: give a list; {remedy}")
+    items = list(value)
     for i, item in enumerate(items):
         check_kind(item, kinds, f"{what}: number {i}", remedy)
     return items

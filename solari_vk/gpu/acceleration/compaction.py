@@ -18,12 +18,13 @@ class SizeQuery:
     """
 
     def __init__(self, device: Device, structures: Sequence[raw.CData]) -> None:
-        self._device, self._count = device, len(structures)
+        self._device = device
+        self._count = len(structures)
         kind = raw.VK_QUERY_TYPE_ACCELERATION_STRUCTURE_COMPACTED_SIZE_KHR
         vk = device.vk
         create = raw.struct("VkQueryPoolCreateInfo", queryType=kind, queryCount=self._count)
         self._pool = pool = device.create("VkQueryPool", create, "compacted sizes")
-        self._token = device.own(lambda: vk.vkDestroyQueryPool(device.handle, pool, raw.NULL))
+        self._token = device.register(lambda: vk.vkDestroyQueryPool(device.handle, pool, raw.NULL))
         # On the host (hostQueryReset), since no command buffer has used the new pool.
         vk.vkResetQueryPool(device.handle, pool, 0, self._count)
         handles = raw.array("VkAccelerationStructureKHR", structures)

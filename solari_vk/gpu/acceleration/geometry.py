@@ -64,8 +64,11 @@ Geometry = TriangleGeometry | AabbGeometry
 
 def geometry_struct(geometry: Geometry) -> raw.CData:
     """The VkAccelerationStructureGeometryKHR of a geometry."""
-    flags = raw.VK_GEOMETRY_OPAQUE_BIT_KHR * geometry.opaque
-    flags |= raw.VK_GEOMETRY_NO_DUPLICATE_ANY_HIT_INVOCATION_BIT_KHR * geometry.no_duplicate_any_hit
+    flags = 0
+    if geometry.opaque:
+        flags |= raw.VK_GEOMETRY_OPAQUE_BIT_KHR
+    if geometry.no_duplicate_any_hit:
+        flags |= raw.VK_GEOMETRY_NO_DUPLICATE_ANY_HIT_INVOCATION_BIT_KHR
     if isinstance(geometry, AabbGeometry):
         kind = raw.VK_GEOMETRY_TYPE_AABBS_KHR
         data = {
@@ -128,29 +131,29 @@ def check_fit(made_for: Sequence[Geometry], geometries: Sequence[Geometry], wher
     """Raise SolariError unless these geometries can be built in a structure that was created for `made_for`."""
     if len(geometries) != len(made_for):
         raise SolariError(f"build of {where}: {len(geometries)} geometries, but it was made for {len(made_for)}")
-    for i, (wanted, given) in enumerate(zip(made_for, geometries, strict=True)):
-        expected, found = _format(wanted), _format(given)
+    for i, (wanted, geometry) in enumerate(zip(made_for, geometries, strict=True)):
+        expected, found = _format(wanted), _format(geometry)
         for key, value in expected.items():
             if found.get(key) != value:
                 raise SolariError(
                     f"build of {where}, geometry {i}: {key} is {found.get(key)}, but it was made for {value}"
                 )
         for field in ("position_count", "triangle_count", "count"):
-            limit, count = getattr(wanted, field, 0), getattr(given, field, 0)
+            limit, count = getattr(wanted, field, 0), getattr(geometry, field, 0)
             if count > limit:
                 raise SolariError(
                     f"build of {where}, geometry {i}: {field} is {count:,}, but it was made for {limit:,}"
                 )
 
 
-def check_index_type(given: Any, where: str) -> None:
+def check_index_type(dtype: Any, where: str) -> None:
     """Raise SolariError unless indices can have this type."""
     try:
-        fits = np.dtype(given) in _INDEX_TYPES
+        fits = np.dtype(dtype) in _INDEX_TYPES
     except TypeError:
         fits = False
     if not fits:
-        raise SolariError(f"{where}: index_dtype must be uint16 or uint32, not {show(given)}")
+        raise SolariError(f"{where}: index_dtype must be uint16 or uint32, not {show(dtype)}")
 
 
 def _check_types(geometry: Any, where: str) -> None:

@@ -61,9 +61,9 @@ def _check(transforms: NDArray[Any], custom_data: NDArray[Any], mask: NDArray[An
         raise SolariError(f"instance: the transform is not invertible{where(wrong)}")
 
 
-def _affine(given: Any) -> NDArray[np.float64]:
+def _affine(transforms: Any) -> NDArray[np.float64]:
     """(N, 3, 4) of 3x4 matrices or affine 4x4 ones."""
-    matrices = numbers(given, "instance: the transform's elements").astype(np.float64)
+    matrices = numbers(transforms, "instance: the transform's elements").astype(np.float64)
     # The last row of an affine matrix says nothing, and Vulkan's records leave it out.
     if matrices.shape[-2:] == (4, 4) and (matrices[..., 3, :] == (0, 0, 0, 1)).all():
         matrices = matrices[..., :3, :]

@@ -185,8 +185,8 @@ class Aabbs:
     def __post_init__(self) -> None:
         _check_switches(self, "boxes")
         if not isinstance(self.boxes, BufferSlice):
-            given = numbers(self.boxes, "boxes")
-            boxes = _floats("boxes", given.reshape(-1, 6) if given.size % 6 == 0 else given, (-1, 6))
+            values = numbers(self.boxes, "boxes")
+            boxes = _floats("boxes", values.reshape(-1, 6) if values.size % 6 == 0 else values, (-1, 6))
             # Vulkan demands that no minimum lies beyond its maximum.
             inverted = (boxes[:, :3] > boxes[:, 3:]).any(axis=1)
             if inverted.any():
@@ -239,11 +239,14 @@ def _check_switches(geometry: Any, what: str) -> None:
 
 
 def _count(data: Any) -> int:
-    return data.count if isinstance(data, BufferSlice) else data.size if data.dtype.kind == "u" else len(data)
+    if isinstance(data, BufferSlice):
+        return data.count
+    # Indices count one by one, and positions by rows of three.
+    return data.size if data.dtype.kind == "u" else len(data)
 
 
-def _floats(what: str, given: Any, shape: tuple[int, ...]) -> NDArray[np.float32]:
-    source = numbers(given, what)
+def _floats(what: str, values: Any, shape: tuple[int, ...]) -> NDArray[np.float32]:
+    source = numbers(values, what)
     with np.errstate(over="ignore"):  # overflow gives infinity, which is refused below
         array = np.array(source, np.float32, order="C")  # a copy: checked values must not change later
     fits = array.ndim == len(shape) and all(n in (-1, m) for n, m in zip(shape, array.shape, strict=True))
@@ -256,9 +259,9 @@ def _floats(what: str, given: Any, shape: tuple[int, ...]) -> NDArray[np.float32
     return array
 
 
-def _indices(given: Any, positions: Any) -> NDArray[Any]:
+def _indices(values: Any, positions: Any) -> NDArray[Any]:
     # A copy, as of positions: what was checked must not change before the upload.
-    array = np.array(numbers(given, "indices"), order="C")
+    array = np.array(numbers(values, "indices"), order="C")
     if array.dtype not in (np.uint16, np.uint32):
         if array.dtype.kind not in "iu" or (array.size and (array.min() < 0 or array.max() >= 2**32)):
             raise SolariError(f"indices: they must be whole numbers from 0 to 2^32 - 1, not {array.dtype}")

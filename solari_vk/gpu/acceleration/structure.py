@@ -142,7 +142,9 @@ class Structure:
                 "VkAccelerationStructureCreateInfoKHR", buffer=self._storage.handle, size=size, type=self._kind
             )
             self.handle = handle = device.create("VkAccelerationStructureKHR", create, self.name)
-        self._token = device.own(lambda: device.vk.vkDestroyAccelerationStructureKHR(device.handle, handle, raw.NULL))
+        self._token = device.register(
+            lambda: device.vk.vkDestroyAccelerationStructureKHR(device.handle, handle, raw.NULL)
+        )
         # Instances refer to a structure by its address, and descriptors by its handle.
         info = raw.struct("VkAccelerationStructureDeviceAddressInfoKHR", accelerationStructure=handle)
         self.address = int(device.vk.vkGetAccelerationStructureDeviceAddressKHR(device.handle, info))
@@ -168,8 +170,8 @@ class Structure:
             scratchData={"deviceAddress": scratch},
         )
 
-    def note_build(self, at: int, *, update: bool = False) -> None:
-        """Note that a build call at this time builds or, with `update`, refits the structure."""
+    def mark_built(self, at: int, *, update: bool = False) -> None:
+        """Record that a build call at this time builds or, with `update`, refits the structure."""
         self.build_count += 1
         self.built_at = at
         self.refit_count = self.refit_count + 1 if update else 0

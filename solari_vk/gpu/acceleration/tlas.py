@@ -76,7 +76,7 @@ class Tlas(Structure):
         time of the build call. Raises SolariError for arguments that are invalid in Vulkan.
         """
         self._record(cmd, instances, count, update=update)
-        self._note(count, clock.tick() if at is None else at, update=update, blases=blases)
+        self._mark_built(count, clock.tick() if at is None else at, update=update, blases=blases)
 
     def _record(self, cmd: raw.CData, instances: int, count: int, *, update: bool = False) -> None:
         self.check_alive("build")
@@ -112,12 +112,12 @@ class Tlas(Structure):
         self._geometries[0].geometry.instances.data.deviceAddress = instances if count else self._scratch_address & ~15
         return self.build_info(self._scratch_address, update=update)
 
-    def _note(self, count: int, at: int, *, update: bool = False, blases: Iterable[Blas] = ()) -> None:
-        """Note a build over `count` records at this time."""
+    def _mark_built(self, count: int, at: int, *, update: bool = False, blases: Iterable[Blas] = ()) -> None:
+        """Record a build over `count` records at this time."""
         self.instance_count = count
         self.blases = tuple(blases)
         self.built_records = self.built_records[:0]
-        self.note_build(at, update=update)
+        self.mark_built(at, update=update)
 
     def refits(self, records: NDArray[Any]) -> bool:
         """Whether a build call would refit it to these records: same count, same structures as in the latest build."""
@@ -159,14 +159,15 @@ class TlasBuild:
 
     def __init__(self, tlas: Tlas, instances: int, count: int) -> None:
         self.made_for = tlas, instances, count
-        self._tlas, self._count = tlas, count
+        self._tlas = tlas
+        self._count = count
         self._commands = Recorded(tlas.device, lambda cmd: tlas._record(cmd, instances, count), "build tlas")
 
     def submit(self) -> None:
         """Have the build run just before the next submission. Raises SolariError if the Tlas was destroyed."""
         self._tlas.check_alive("build")
         self._commands.submit_with_next()
-        self._tlas._note(self._count, clock.tick())
+        self._tlas._mark_built(self._count, clock.tick())
 
     def destroy(self) -> None:
         """Free the commands when the work submitted so far is done. Safe to call twice."""
@@ -208,7 +209,7 @@ class TlasBuilds:
         at = clock.tick()
         for tlas, count in zip(self._structures, self._counts, strict=True):
             if not tlas.built or tlas.instance_count != count:  # later builds are like the first
-                tlas._note(count, at)
+                tlas._mark_built(count, at)
 
     def destroy(self) -> None:
         """Free the commands when the work submitted so far is done. Safe to call twice."""
@@ -241,7 +242,7 @@ class TlasCopy:
         source.check_usable()
         target.check_alive("copy")
         self._commands.submit_with_next()
-        target._note(source.instance_count, clock.tick(), blases=source.blases)
+        target._mark_built(source.instance_count, clock.tick(), blases=source.blases)
 
     def destroy(self) -> None:
         """Free the commands when the work submitted so far is done. Safe to call twice."""

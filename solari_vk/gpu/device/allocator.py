@@ -169,12 +169,12 @@ class Allocator:
         # grow by half of what they hold already. So little is left over, and there are few blocks.
         large = min(max(_LARGE, self.bytes_reserved // 128), BLOCK_SIZE // 2)
         shared = size < large
-        held = sum(block.size for block in pool.blocks if block.shared)
-        usual = max(2 * large, min(held // 2, BLOCK_SIZE))
+        shared_size = sum(block.size for block in pool.blocks if block.shared)
+        usual = max(2 * large, min(shared_size // 2, BLOCK_SIZE))
         block = self._new_block(pool, usual if shared else size, name, shared)
         pool.blocks.append(block)
-        taken = block.take(size, alignment)
-        assert taken == 0
+        offset = block.take(size, alignment)
+        assert offset == 0
         return Allocation(block, 0, size)
 
     def _new_block(self, pool: Pool, size: int, name: str, shared: bool) -> Block:

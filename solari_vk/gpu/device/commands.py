@@ -20,7 +20,7 @@ class CommandPool:
             queueFamilyIndex=device.queue_family,
         )
         pool = self._pool = device.create("VkCommandPool", create, name)
-        self._token = device.own(lambda: device.vk.vkDestroyCommandPool(device.handle, pool, raw.NULL))
+        self._token = device.register(lambda: device.vk.vkDestroyCommandPool(device.handle, pool, raw.NULL))
 
     def allocate(self, count: int) -> list[raw.CData]:
         """New primary command buffers."""

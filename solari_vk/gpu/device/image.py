@@ -84,7 +84,7 @@ class Image:
                 memory.free(allocation)
 
         with device.undone_on_error():
-            self._token = device.own(destroy)
+            self._token = device.register(destroy)
             allocation = memory.allocate(requirements, f"image {name}", host=False, image=True)
             device.vk.vkBindImageMemory(device.handle, handle, allocation.memory, allocation.offset)
             self.view = self.level_view(0, self.mip_levels)

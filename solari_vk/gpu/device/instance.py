@@ -88,7 +88,7 @@ class Instance:
         messages = self.messages
 
         def receive(severity: int, kinds: int, data: raw.CData, user: raw.CData) -> int:
-            note_message(messages, raw.ffi.string(data.pMessage).decode(errors="replace"))
+            record_message(messages, raw.ffi.string(data.pMessage).decode(errors="replace"))
             return 0
 
         callback_type = raw.ffi.typeof("PFN_vkDebugUtilsMessengerCallbackEXT")
@@ -130,7 +130,7 @@ def _with_setting(chain: raw.CData, name: str) -> raw.CData:
     return raw.struct("VkLayerSettingsCreateInfoEXT", pNext=chain, settingCount=1, pSettings=[setting])
 
 
-def note_message(messages: list[str], text: str) -> None:
+def record_message(messages: list[str], text: str) -> None:
     """Append a message of the validation layer. Tests replace this function to see all messages."""
     messages.append(text)
 

@@ -31,7 +31,7 @@ _open_devices: WeakSet[LogicalDevice] = WeakSet()
 
 
 def asked_for(select: str | int | None, rays: str | None) -> tuple[str | int | None, str]:
-    """The device and the way to trace that are asked for, where they are None by the environment's variables."""
+    """The device and the method of tracing that are asked for, where they are None by the environment's variables."""
     chosen = (os.environ.get("SOLARI_VK_RAYS") or AUTO) if rays is None else rays
     if chosen not in (AUTO, *RAYS):
         where = "SOLARI_VK_RAYS" if rays is None else "rays"
@@ -42,8 +42,8 @@ def asked_for(select: str | int | None, rays: str | None) -> tuple[str | int | N
 class LogicalDevice:
     """A VkDevice with one queue. `vk` has its functions, `properties`, `features` and `extensions` what it can do.
 
-    `rays`: how shaders trace rays on it, "query" or "pipeline". The features of the other way are off.
-    `missing_rays`: what the device lacks for each way.
+    `rays`: how shaders trace rays on it, "query" or "pipeline". The features of the other method are off.
+    `missing_rays`: what the device lacks for each method.
     """
 
     def __init__(self, select: str | int | None, validation: bool, rays: str | None) -> None:

@@ -45,7 +45,8 @@ class Mirror:
         self._device.retire(partial(self._free.append, free))
 
     def _make_copy(self) -> tuple[memoryview, raw.CData]:
-        vk, size = self._device.vk, self._memory.nbytes
+        vk = self._device.vk
+        size = self._memory.nbytes
 
         def record(commands: raw.CData) -> None:
             vk.vkCmdPipelineBarrier2(commands, full_barrier())

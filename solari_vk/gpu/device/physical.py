@@ -75,7 +75,7 @@ OPTIONAL_FEATURES: dict[str, tuple[str, ...]] = {
 class DeviceReport:
     """A device as `solari-vk info` lists it; `missing` is empty if the package can use the device.
 
-    `missing_rays`: what the device lacks for each way to trace rays ("query", "pipeline"); no ways if it lacks
+    `missing_rays`: what the device lacks for each method of tracing ("query", "pipeline"); no methods if it lacks
     anything else, because a device that is too old isn't asked for its features.
     """
 
@@ -185,26 +185,26 @@ class PhysicalDevice:
         chain, parts = feature_chain(dict.fromkeys(self._groups(), ()))
         # The driver sets a field of the chain to VK_TRUE where the device has the feature.
         vk.vkGetPhysicalDeviceFeatures2(self.handle, chain)
-        return {
-            group: {name for name, _ in raw.ffi.typeof(_STRUCTURES[group]).fields if getattr(part, name) == 1}
-            - {"sType", "pNext"}
-            for group, part in parts.items()
-        }
+        features = {}
+        for group, part in parts.items():
+            fields = raw.ffi.typeof(_STRUCTURES[group]).fields
+            features[group] = {name for name, _ in fields if getattr(part, name) == 1} - {"sType", "pNext"}
+        return features
 
     def _groups(self) -> list[str]:
         return [group for group in _STRUCTURES if not group.startswith("VK_") or group in self.extensions]
 
     def lacks(self, rays: str = AUTO) -> list[str]:
-        """What the device lacks, in words, to trace rays in this way; empty if it fits. "auto": in any way."""
-        missing = self._lacks_in_any_way()
+        """What the device lacks, in words, to trace rays by this method; empty if it fits. "auto": by any."""
+        missing = self._lacks_besides_rays()
         if rays != AUTO:
             return missing + self.missing_rays[rays]
         if all(self.missing_rays.values()):
             missing.append(" or ".join(" and ".join(names) for names in self.missing_rays.values()))
         return missing
 
-    def _lacks_in_any_way(self) -> list[str]:
-        """What it lacks besides a way to trace rays."""
+    def _lacks_besides_rays(self) -> list[str]:
+        """What it lacks besides a method of tracing."""
         missing = []
         major, minor, patch = self.properties.api_version
         if (major, minor) < (1, 3):
@@ -216,32 +216,31 @@ class PhysicalDevice:
 
     def _lacks_of(self, groups: Sequence[str]) -> list[str]:
         """The extensions among these groups of features, and the required features of the groups, that it lacks."""
-        extensions = [group for group in groups if group.startswith("VK_") and group not in self.extensions]
-        return extensions + [
-            f"feature {name}"
-            for group in groups
-            if group in self.features
-            for name in REQUIRED_FEATURES.get(group, ())
-            if name not in self.features[group]
-        ]
+        missing = [group for group in groups if group.startswith("VK_") and group not in self.extensions]
+        for group in groups:
+            if group in self.features:
+                required = REQUIRED_FEATURES.get(group, ())
+                missing += [f"feature {name}" for name in required if name not in self.features[group]]
+        return missing
 
     def enabled_features(self, rays: str) -> dict[str, tuple[str, ...]]:
         """For each feature structure, the required features and those optional ones that the device has.
 
-        Without those of the other way to trace rays, so that validation reports its use.
+        Without those of the other method of tracing, so that validation reports its use.
         """
-        return {
-            group: REQUIRED_FEATURES.get(group, ())
-            + tuple(name for name in OPTIONAL_FEATURES.get(group, ()) if name in self.features[group])
-            for group in self._groups()
-            if group not in RAYS.values() or group == RAYS[rays]
-        }
+        enabled = {}
+        for group in self._groups():
+            if group not in RAYS.values() or group == RAYS[rays]:
+                optional = OPTIONAL_FEATURES.get(group, ())
+                supported = tuple(name for name in optional if name in self.features[group])
+                enabled[group] = REQUIRED_FEATURES.get(group, ()) + supported
+        return enabled
 
     def report(self) -> DeviceReport:
         """This device as a row of `list_devices`."""
         p = self.properties
-        ways = {} if self._lacks_in_any_way() else self.missing_rays
-        return DeviceReport(self.index, p.name, p.kind, p.uuid, p.driver, p.api_version, self.lacks(), ways)
+        missing_rays = {} if self._lacks_besides_rays() else self.missing_rays
+        return DeviceReport(self.index, p.name, p.kind, p.uuid, p.driver, p.api_version, self.lacks(), missing_rays)
 
 
 def feature_chain(features: dict[str, tuple[str, ...]]) -> tuple[raw.CData, dict[str, raw.CData]]:
@@ -260,7 +259,7 @@ def feature_chain(features: dict[str, tuple[str, ...]]) -> tuple[raw.CData, dict
 def choose(devices: list[PhysicalDevice], select: str | int | None, rays: str = AUTO) -> PhysicalDevice:
     """The device that `select` names (part of its name, index, UUID, "gpu" or "cpu"), or else the best suitable one.
 
-    rays: the way to trace that the device must have. If there is none, raises DeviceError listing every device and
+    rays: the method of tracing that the device must have. If there is none, raises DeviceError listing every device and
     what it lacks.
     """
     found = devices if select is None else _matching(devices, str(select).strip())

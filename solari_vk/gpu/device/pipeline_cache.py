@@ -39,7 +39,7 @@ class PipelineCache:
         self._device = device
         create = raw.struct("VkPipelineCacheCreateInfo", initialDataSize=len(known), pInitialData=known or None)
         self.handle = handle = device.create("VkPipelineCache", create, "pipeline cache")
-        device.share(device.own(lambda: device.vk.vkDestroyPipelineCache(device.handle, handle, raw.NULL)))
+        device.share(device.register(lambda: device.vk.vkDestroyPipelineCache(device.handle, handle, raw.NULL)))
 
     def save(self) -> None:
         """Write it to disk if it has grown. A failure only gives a warning."""

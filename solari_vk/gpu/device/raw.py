@@ -57,7 +57,7 @@ def api_version(major: int, minor: int, patch: int = 0) -> int:
 
 # cffi owns what it allocates only while its cdata lives. A structure with pointers needs the targets alive as
 # long as itself, so each allocation here is held by the cdata that points to it.
-_keeps: weakref.WeakKeyDictionary[CData, list[Any]] = weakref.WeakKeyDictionary()
+_references: weakref.WeakKeyDictionary[CData, list[Any]] = weakref.WeakKeyDictionary()
 _STRUCTURE_TYPES = {
     name.replace("_", "").removeprefix("VKSTRUCTURETYPE"): value
     for name, value in ffi.typeof("enum VkStructureType").relements.items()
@@ -73,8 +73,8 @@ def struct(type_name: str, **fields: Any) -> CData:
     Raises TypeError for a field that the structure doesn't have.
     """
     pointer = ffi.new(type_name + "*")
-    kept = _fill(pointer, ffi.typeof(type_name), fields)
-    _keeps[pointer] = kept
+    references = _fill(pointer, ffi.typeof(type_name), fields)
+    _references[pointer] = references
     return pointer
 
 
@@ -82,7 +82,7 @@ def array(type_name: str, items: Sequence[Any]) -> CData:
     """A C array of structures from `struct`, handles, numbers or strings; it keeps alive what they point to."""
     # C has no arrays of length 0; the caller passes the count.
     block = ffi.new(f"{type_name}[]", max(len(items), 1))
-    _keeps[block] = [_assign(block, i, ffi.typeof(type_name), item) for i, item in enumerate(items)]
+    _references[block] = [_assign(block, i, ffi.typeof(type_name), item) for i, item in enumerate(items)]
     return block
 
 
@@ -91,12 +91,12 @@ def _fill(target: CData, ctype: Any, fields: Mapping[str, Any]) -> list[Any]:
     # VkBaseInStructure: what has sType and pNext must say what it is, or drivers ignore or misread the chain.
     if "sType" in members and "pNext" in members and "sType" not in fields:
         target.sType = _STRUCTURE_TYPES[ctype.cname.removeprefix("struct ").removeprefix("Vk").upper()]
-    kept = []
+    references = []
     for name, value in fields.items():
         if name not in members:
             raise TypeError(f"{ctype.cname} has no field {name}; it has {', '.join(members)}")
-        kept.append(_assign(target, name, members[name].type, value))
-    return kept
+        references.append(_assign(target, name, members[name].type, value))
+    return references
 
 
 def _assign(target: CData, key: str | int, ctype: Any, value: Any) -> Any:
@@ -112,12 +112,12 @@ def _assign(target: CData, key: str | int, ctype: Any, value: Any) -> Any:
         return made if made is value else (made, value)
     if ctype.kind in ("struct", "union") and isinstance(value, Mapping):
         made = ffi.new(ctype.cname + "*")
-        kept = _fill(made, ctype, value)
+        references = _fill(made, ctype, value)
         put(made[0])
-        return kept
+        return references
     if ctype.kind in ("struct", "union") and isinstance(value, ffi.CData) and ffi.typeof(value).kind == "pointer":
         put(value[0])
-        return _keeps.get(value, value)
+        return _references.get(value, value)
     put(value)
     return None
 
@@ -166,7 +166,7 @@ class Functions:
 
     `get_address(name)` returns a function pointer, as vkGetDeviceProcAddr does. The first use of a function that the
     driver doesn't have raises DeviceError. `on_error(result)` is called with every error before it is raised, so that
-    the owner can note a lost device.
+    the owner can record a lost device.
     """
 
     def __init__(self, get_address: Callable[[bytes], CData], on_error: Callable[[int], None] | None = None) -> None:
@@ -223,5 +223,5 @@ def enumerate_items(function: Callable[..., Any], type_name: str, *arguments: An
     found = [items[i] for i in range(count[0])]
     for item in found:  # an element is a view of the array, which must live as long
         if ffi.typeof(item).kind == "struct":
-            _keeps[item] = [items]
+            _references[item] = [items]
     return found

@@ -57,7 +57,7 @@ class Sampler:
             raise SolariError(f"sampler: {error} is not one of {[*filters, *wraps]}") from error
         self.handle = handle = device.create("VkSampler", create, f"sampler {minify} {wrap_u} {wrap_v}")
         self.device = device
-        self._token = device.own(lambda: device.vk.vkDestroySampler(device.handle, handle, raw.NULL))
+        self._token = device.register(lambda: device.vk.vkDestroySampler(device.handle, handle, raw.NULL))
         if shared:
             device.share(self._token)
 

@@ -65,7 +65,7 @@ class Storage:
 
         with device.undone_on_error():
             # Registered before memory is bound, so that an error below destroys the buffer.
-            self._token = device.own(destroy)
+            self._token = device.register(destroy)
             allocation = memory.allocate(requirements, f"buffer {name}", host=host)
             device.vk.vkBindBufferMemory(device.handle, handle, allocation.memory, allocation.offset)
         if shared:

@@ -15,7 +15,7 @@ from solari_vk.gpu.device.barriers import full_barrier, host_read_barrier
 from solari_vk.gpu.device.storage import Storage, as_bytes
 
 CHUNK_SIZE = 4 << 20
-LARGEST_KEPT = 256 << 20  # of the larger chunks that were read through one is kept, for results of each frame
+LARGEST_CACHED = 256 << 20  # of the larger chunks that were read through one is kept, for results of each frame
 FLUSH_SIZE = 64 << 20  # a larger batch is submitted in parts, which bounds staging memory
 _ALIGNMENT = 16  # bytes between pieces of data in a chunk: no texel that is uploaded is larger
 _TRANSFER_LAYOUT = raw.VK_IMAGE_LAYOUT_TRANSFER_DST_OPTIMAL
@@ -48,7 +48,7 @@ class StagingPool:
         if self.device.closed:
             return
         # Results of a frame have the same size in each frame; uploads of large scenes happen once.
-        if was_read and CHUNK_SIZE < chunk.size <= LARGEST_KEPT:
+        if was_read and CHUNK_SIZE < chunk.size <= LARGEST_CACHED:
             self._free_large()
             self._large = chunk
         elif chunk.size == CHUNK_SIZE and len(self._chunks) < 16:
@@ -69,7 +69,8 @@ class StagingPool:
 
     def read_back(self, size: int, copy: Callable[[raw.CData, raw.CData], None]) -> np.ndarray:
         """The bytes that `copy(command buffer, VkBuffer)` writes into a chunk; waits for the copy."""
-        device, chunk = self.device, self.take(size)
+        device = self.device
+        chunk = self.take(size)
 
         def record(cmd: raw.CData) -> None:
             device.vk.vkCmdPipelineBarrier2(cmd, full_barrier())

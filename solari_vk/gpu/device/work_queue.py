@@ -245,14 +245,14 @@ class WorkQueue(GatheringDevice):
 
     # ---- lifetime -----------------------------------------------------------------------------------
 
-    def own(self, destroy: Callable[[], None]) -> int:
+    def register(self, destroy: Callable[[], None]) -> int:
         """Register how an object is destroyed; returns a token for `release`. Closing the device destroys the rest."""
         self._next_token += 1
         self._owned[self._next_token] = destroy
         return self._next_token
 
     def share(self, token: int) -> None:
-        """Note that an object is the device's own, so that `undone_on_error` keeps it."""
+        """Record that an object is the device's own, so that `undone_on_error` keeps it."""
         self._shared.add(token)
 
     @contextmanager

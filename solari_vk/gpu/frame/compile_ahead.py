@@ -31,10 +31,10 @@ def device_count() -> int:
     if os.environ.get("MESA_SHADER_CACHE_DISABLE", "0").lower() in ("1", "true", "yes", "y"):
         return 1
     # Lavapipe itself obeys this variable, so a user who limits its threads limits these too.
-    given = os.environ.get("LP_NUM_THREADS", "")
+    limit = os.environ.get("LP_NUM_THREADS", "")
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     cores = min(cores, _cores_of_group())
-    return min(int(given) if given.isdigit() else cores, cores, MOST_DEVICES)
+    return min(int(limit) if limit.isdigit() else cores, cores, MOST_DEVICES)
 
 
 def _cores_of_group() -> int:
@@ -58,15 +58,15 @@ def compiling_ahead(
     """
     device = interface.device
     waiting = [pipeline for pipeline in pipelines if pipeline.table is None]  # others compile with their tables
-    taken: dict[Pipeline, threading.Event] = {}
+    compiled: dict[Pipeline, threading.Event] = {}
     lock = threading.Lock()
 
-    def take() -> Pipeline | None:
+    def next_pipeline() -> Pipeline | None:
         with lock:
             if not waiting:
                 return None
             found = waiting.pop()  # from the end: the frame's own device begins at the start
-            taken[found] = threading.Event()
+            compiled[found] = threading.Event()
             return found
 
     def work() -> None:
@@ -76,20 +76,20 @@ def compiling_ahead(
                 same = Interface(other, modules, interface.laid_out)
                 sets = DescriptorSets(same, counts)
                 users = Pipelines(other)
-                made = take()
+                made = next_pipeline()
                 while made is not None:
                     _run_once(users, same, sets, made)
-                    taken[made].set()
-                    made = take()
+                    compiled[made].set()
+                    made = next_pipeline()
         except Exception:  # the frame's own device compiles the rest, and raises what it meets
             pass
         finally:
             if made is not None:
-                taken[made].set()  # else the frame would wait for ever for what failed here
+                compiled[made].set()  # else the frame would wait for ever for what failed here
 
     def wait_for(pipeline: Pipeline) -> None:
         with lock:
-            done = taken.get(pipeline)
+            done = compiled.get(pipeline)
             if pipeline in waiting:
                 waiting.remove(pipeline)
         if done is not None:
@@ -109,17 +109,17 @@ def compiling_ahead(
             thread.join()
 
 
-def _run_once(users: Pipelines, interface: Interface, sets: DescriptorSets, given: Pipeline) -> None:
+def _run_once(users: Pipelines, interface: Interface, sets: DescriptorSets, pipeline: Pipeline) -> None:
     """Compile a compute pipeline, by a run without invocations: its descriptors needn't be written."""
     device = interface.device
-    [(_, made)] = users.make([given.info], interface)
+    [(_, made)] = users.make([pipeline.info], interface)
 
     def record(commands: raw.CData) -> None:
         sets.bind(commands, made.bind_point)
         device.vk.vkCmdBindPipeline(commands, made.bind_point, made.handle)
         device.vk.vkCmdDispatch(commands, 0, 0, 0)
 
-    empty = Recorded(device, record, given.info.name)
+    empty = Recorded(device, record, pipeline.info.name)
     try:
         device.await_value(device.submit([empty.commands]))
     finally:

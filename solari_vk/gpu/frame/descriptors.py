@@ -51,7 +51,7 @@ class DescriptorSets:
         pool = device.create("VkDescriptorPool", create, "descriptor pool")
         self.handles = raw.ffi.new("VkDescriptorSet[]", SET_COUNT)
         with device.undone_on_error():
-            self._token = device.own(lambda: device.vk.vkDestroyDescriptorPool(device.handle, pool, raw.NULL))
+            self._token = device.register(lambda: device.vk.vkDestroyDescriptorPool(device.handle, pool, raw.NULL))
             for index, layout in enumerate(interface.set_layouts):
                 variable = None
                 # Only the last binding of a set may have a variable count; the layout says up to which.
@@ -74,13 +74,14 @@ class DescriptorSets:
         """Bind resources by name: a Buffer or BufferRange, an Image, an object with the `handle` of an
         acceleration structure, an (Image, Sampler), or a list of those for a bindless array. Names that no shader has
         are ignored. Work that reads the sets must be done. Raises SolariError for a resource that doesn't fit."""
-        writes, kept = [], []
+        writes = []
+        owners = []
         for name, resource in resources.items():
             binding = self._interface.bindings.get(name)
             if binding is None or (binding.count == 0 and not resource):
                 continue
             fields, owner = self._describe(binding, resource)
-            kept.append(owner)
+            owners.append(owner)
             writes.append(
                 raw.struct(
                     "VkWriteDescriptorSet",

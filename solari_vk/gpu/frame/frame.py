@@ -135,7 +135,7 @@ class Frame(InParts):
         self._external = external
         self._resources = resources
         self.features = features
-        self._note_structures()
+        self._find_structures()
         kinds = program.interface.bindings.values()
         blocks = {binding.name: binding.dtype for binding in kinds if binding.kind == "uniform_buffer"}
         self.uniforms.declare({name: dtype for name, dtype in blocks.items() if dtype and name not in bound[0]})
@@ -164,7 +164,7 @@ class Frame(InParts):
         assert self._program is not None
         self._program.check({**self._resources.named(0), **self._external, **external})
         self._external.update(external)
-        self._note_structures()
+        self._find_structures()
         for slot in self._slots:
             slot.bind(external)
 
@@ -197,8 +197,8 @@ class Frame(InParts):
         self._latest = slot
         return slot.value
 
-    def _note_structures(self) -> None:
-        """Note the top-level structures that the shaders use; each frame checks them."""
+    def _find_structures(self) -> None:
+        """Find the top-level structures that the shaders use; each frame checks them."""
         assert self._program is not None
         bindings = self._program.interface.bindings.values()
         names = [binding.name for binding in bindings if binding.kind == "acceleration_structure"]
@@ -263,7 +263,8 @@ class Frame(InParts):
 
     def _elements(self, name: str) -> tuple[tuple[int, ...], np.dtype[Any], int]:
         """Of a buffer's runtime array: its shape, the dtype of its values, and the byte offset where it begins."""
-        element, count = self.binding(name).element, self._resources.element_count(name)
+        element = self.binding(name).element
+        count = self._resources.element_count(name)
         if element is None:
             raise SolariError(f"{name} isn't an array")
         if count is None:
@@ -287,8 +288,11 @@ class Frame(InParts):
         """As `timings`, but waits only for what the next `submit` waits for; empty if no frame has finished then."""
         self.device.await_value(self._next_slot.value)
         slot = max(self._done, key=lambda slot: slot.value, default=None)
-        self.timed_value, found = (slot.value, slot.read_timings()) if slot else (0, {})
-        return found
+        if slot is None:
+            self.timed_value = 0
+            return {}
+        self.timed_value = slot.value
+        return slot.read_timings()
 
     @property
     def _done(self) -> list[Slot]:

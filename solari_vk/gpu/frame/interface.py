@@ -145,7 +145,7 @@ class Interface:
                 getattr(device.vk, "vkDestroy" + kind[2:])(device.handle, handle, raw.NULL)
 
         with device.undone_on_error():
-            self._token = device.own(destroy)
+            self._token = device.register(destroy)
             for index in range(SET_COUNT):
                 handles.append(("VkDescriptorSetLayout", self._make_layout(index)))
             self.set_layouts = [handle for _, handle in handles]

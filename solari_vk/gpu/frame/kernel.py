@@ -35,7 +35,8 @@ class Kernel:
         for field, value in pushed.items():
             self._pushed[field] = value
         vk.vkCmdBindPipeline(commands, _COMPUTE, self._pipeline.handle)
-        layout, data = self._interface.pipeline_layout, raw.ffi.from_buffer(self._pushed)
+        layout = self._interface.pipeline_layout
+        data = raw.ffi.from_buffer(self._pushed)
         vk.vkCmdPushConstants(commands, layout, raw.VK_SHADER_STAGE_ALL, 0, self._pushed.nbytes, data)
         # Rounded up to whole workgroups: shaders return where the invocation is beyond the end.
         x, y = (-(-count // size) for count, size in zip(threads, self.local_size, strict=False))

@@ -136,7 +136,8 @@ class Pipelines:
         self, stages: list[raw.CData], kind: Targets | RayGroups | None, layout: raw.CData
     ) -> Callable[[], raw.CData]:
         """A function for another thread that creates a pipeline."""
-        device, cache = self._device, self._device.pipeline_cache.handle
+        device = self._device
+        cache = self._device.pipeline_cache.handle
         before: tuple[raw.CData, ...] = (device.handle,)
         if kind is None:
             # On a software device dispatches can be divided: see `Slot.in_parts`.
@@ -195,7 +196,7 @@ class Pipelines:
 
         try:
             handle = future.result()
-            token = device.own(lambda: device.vk.vkDestroyPipeline(device.handle, handle, raw.NULL))
+            token = device.register(lambda: device.vk.vkDestroyPipeline(device.handle, handle, raw.NULL))
             device.name_object("Pipeline", handle, item.name)
             if isinstance(item.kind, RayGroups):
                 table = ShaderBindingTable(device, handle, item.kind, item.name)
@@ -258,7 +259,8 @@ def _specializations(
 
 
 def _specialization(module: Module, constants: Constants) -> raw.CData | None:
-    entries, data = [], b""
+    entries = []
+    data = b""
     # In the same order in every process: pipeline caches compare the entries in their order.
     for constant in constants:
         known = module.constants.get(constant)

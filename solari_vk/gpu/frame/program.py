@@ -128,7 +128,8 @@ def _check_indirect(step: BuiltStep, item: Pass, buffer: Any) -> None:
 def _named(items: Sequence[Pass | Draw | Step]) -> dict[str, Pass | Draw | Step]:
     """The items by unique names: those that occur several times are numbered."""
     # Passes that run twice have the same shader; timers and messages tell them apart by number.
-    total, seen = Counter(item.name for item in items), Counter[str]()
+    total = Counter(item.name for item in items)
+    seen = Counter[str]()
     named = {}
     for item in items:
         seen[item.name] += 1
@@ -216,10 +217,10 @@ class ProgramBuilder:
             raise SolariError(f"pass {name}: {(x, y, z)} workgroups, but this device runs at most {limit}")
         return x, y, z
 
-    def discard(self, program: Program, kept: Program | None) -> None:
-        """Destroy what a program doesn't share with `kept`, when the work submitted so far is done."""
-        self._pipelines.retain(kept.pipeline_keys if kept else set())
-        if kept is None or program.interface is not kept.interface:
+    def discard(self, program: Program, remaining: Program | None) -> None:
+        """Destroy what a program doesn't share with `remaining`, when the work submitted so far is done."""
+        self._pipelines.retain(remaining.pipeline_keys if remaining else set())
+        if remaining is None or program.interface is not remaining.interface:
             program.interface.destroy()
 
     def destroy(self, program: Program | None) -> None:

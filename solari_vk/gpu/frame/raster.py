@@ -57,7 +57,8 @@ def rendering(
     Viewport and scissor cover the size (width, height) in pixels; faces are not culled. `clears`: the attachments are
     set to zero first.
     """
-    vk, extent = device.vk, {"width": size[0], "height": size[1]}
+    vk = device.vk
+    extent = {"width": size[0], "height": size[1]}
     load = raw.VK_ATTACHMENT_LOAD_OP_CLEAR if clears else raw.VK_ATTACHMENT_LOAD_OP_LOAD
 
     def attachment(target: Attachment) -> raw.CData:

@@ -123,7 +123,8 @@ def _aligned(value: int, alignment: int) -> int:
 
 def check_launch(device: Device, name: str, threads: tuple[int, int, int]) -> None:
     """Raise SolariError if the device can't launch so many threads at once."""
-    limits, most = device.properties.limits, device.properties.ray_pipelines.maxRayDispatchInvocationCount
+    limits = device.properties.limits
+    most = device.properties.ray_pipelines.maxRayDispatchInvocationCount
     # vkCmdTraceRaysKHR is limited in each dimension by the product of the compute limits.
     sides = [
         count * size

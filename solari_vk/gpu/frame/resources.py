@@ -103,12 +103,12 @@ class Resources:
                     _clear(image)
         return _Made(spec, tuple(items))
 
-    def destroy_all_but(self, kept: Resources) -> None:
-        """Destroy the resources that `kept` doesn't have, when the work submitted so far is done."""
-        others = {id(item) for made in kept._made.values() for item in made.items}
+    def destroy_all_but(self, remaining: Resources) -> None:
+        """Destroy the resources that `remaining` doesn't have, when the work submitted so far is done."""
+        remaining_ids = {id(item) for made in remaining._made.values() for item in made.items}
         for made in self._made.values():
             for item in made.items:
-                if id(item) not in others:
+                if id(item) not in remaining_ids:
                     item.destroy()
 
 

@@ -165,7 +165,8 @@ class Slot:
         new = {made: name for made, name in steps if made.bind_point != graphics and not made.has_run}
         # The smallest first, so that a viewer can show something between two of them.
         order = sorted(new, key=lambda made: len(made.info.modules[0].spirv))
-        interface, modules = self._program.interface, self._program.modules.values()
+        interface = self._program.interface
+        modules = self._program.modules.values()
         names = [new[pipeline] for pipeline in order]
         with (
             compiling_ahead(interface, modules, self._sets.counts, order) as wait_for,
@@ -215,7 +216,8 @@ class Slot:
             assert self._program is not None
             buffers = [self._bound[name] for name in pipeline.addresses]
             addresses = np.array([buffer.address for buffer in buffers], np.uint64)
-            layout, data = self._program.interface.pipeline_layout, raw.ffi.from_buffer(addresses)
+            layout = self._program.interface.pipeline_layout
+            data = raw.ffi.from_buffer(addresses)
             every = raw.VK_SHADER_STAGE_ALL
             self._device.vk.vkCmdPushConstants(commands, layout, every, 0, addresses.nbytes, data)
 
@@ -232,7 +234,8 @@ class Slot:
         return [range(top, min(top + height, rows)) for top in range(0, rows, height)]
 
     def _dispatch(self, step: BuiltStep, item: Pass, band: range | None = None) -> None:
-        vk, commands = self._device.vk, self.commands
+        vk = self._device.vk
+        commands = self.commands
         table = step.pipeline.table if step.pipeline else None
         arguments = self._bound[item.indirect] if item.indirect is not None else None
         if table is not None:
@@ -247,7 +250,8 @@ class Slot:
 
     def _launch(self, step: BuiltStep, item: Pass, table: ShaderBindingTable, arguments: Any) -> None:
         """Record the launch of a ray pipeline."""
-        vk, commands = self._device.vk, self.commands
+        vk = self._device.vk
+        commands = self.commands
         if arguments is None:
             vk.vkCmdTraceRaysKHR(commands, *table.regions, *step.counts)
             return
@@ -265,7 +269,7 @@ class Slot:
         queries = device.create("VkQueryPool", create, f"timestamps {self.index}")
         device.release(self._query_token)
         self._queries = queries
-        self._query_token = device.own(lambda: device.vk.vkDestroyQueryPool(device.handle, queries, raw.NULL))
+        self._query_token = device.register(lambda: device.vk.vkDestroyQueryPool(device.handle, queries, raw.NULL))
         self._query_count = count
 
     def _timestamp(self, at: int) -> None:

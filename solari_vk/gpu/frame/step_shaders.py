@@ -1,4 +1,4 @@
-"""The shaders of a frame's steps, compiled for the device's way to trace rays, and the groups of ray pipelines."""
+"""The shaders of a frame's steps, compiled for the device's method of tracing rays, and the groups of ray pipelines."""
 
 from __future__ import annotations
 
@@ -95,7 +95,9 @@ def _entry_points(item: Pass | Draw | Step) -> list[ModuleKey]:
     return [(f"passes/{item.name}.{suffix}", item.header) for suffix in suffixes]
 
 
-def _ray_shaders(own: list[ModuleKey], misses: Sequence[str], hits: Sequence[HitGroup], header: str) -> StepShaders:
+def _ray_shaders(
+    ray_generation: list[ModuleKey], misses: Sequence[str], hits: Sequence[HitGroup], header: str
+) -> StepShaders:
     """A ray generation shader with the shaders of its misses and hits, each once, and their groups."""
     # A shader that several groups share is one stage of the pipeline.
     paths = dict.fromkeys(
@@ -107,4 +109,4 @@ def _ray_shaders(own: list[ModuleKey], misses: Sequence[str], hits: Sequence[Hit
         tuple(number[path] for path in misses),
         tuple((number.get(h.closest_hit), number.get(h.any_hit), number.get(h.intersection)) for h in hits),
     )
-    return StepShaders([*own, *((path, header) for path in number)], groups)
+    return StepShaders([*ray_generation, *((path, header) for path in number)], groups)

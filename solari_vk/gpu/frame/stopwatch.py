@@ -18,7 +18,7 @@ class Stopwatch:
         self._marked = False
         create = raw.struct("VkQueryPoolCreateInfo", queryType=raw.VK_QUERY_TYPE_TIMESTAMP, queryCount=self._count)
         self._pool = device.create("VkQueryPool", create, "stopwatch")
-        self._token = device.own(lambda: device.vk.vkDestroyQueryPool(device.handle, self._pool, raw.NULL))
+        self._token = device.register(lambda: device.vk.vkDestroyQueryPool(device.handle, self._pool, raw.NULL))
 
     def begin(self, commands: raw.CData) -> None:
         """Record the start of the first part."""

@@ -69,10 +69,11 @@ class Uniforms:
         self.memory = np.zeros(end, np.uint8)
         self.offsets = offsets
         self._types = dict(blocks)
-        records = {name: self.record(name) for name in blocks}
-        self._fields = {
-            f"{name}.{field}": record[field] for name, record in records.items() for field in record.dtype.names or ()
-        }
+        self._fields = {}
+        for name in blocks:
+            record = self.record(name)
+            for field in record.dtype.names or ():
+                self._fields[f"{name}.{field}"] = record[field]
         for name, values in self._fields.items():
             if name in before and before[name].dtype == values.dtype and before[name].shape == values.shape:
                 values[:] = before[name]

@@ -149,12 +149,12 @@ def _straighten(block: Block, known: Values, loops: set[int]) -> None:
     last = block[-1]
     if spv.opcode(last) != spv.OP_BRANCH_CONDITIONAL or last[1] not in known:
         return
-    taken, other = last[2:4] if known[last[1]] else last[3:1:-1]
+    target, other = last[2:4] if known[last[1]] else last[3:1:-1]
     if other in loops:
         return
     has_merge = len(block) > 1 and spv.opcode(block[-2]) == spv.OP_SELECTION_MERGE
     replaced = 2 if has_merge else 1
-    block[-replaced:] = [spv.encoded(spv.OP_BRANCH, taken)]
+    block[-replaced:] = [spv.encoded(spv.OP_BRANCH, target)]
 
 
 def _successors(block: Block) -> Words:
@@ -180,15 +180,15 @@ def _reached(blocks: list[Block]) -> list[Block]:
     live = _live_labels(at, blocks[0][0][1])
     for label in list(live):
         _empty_merges(at, label, live)
-    kept = [block for block in blocks if block[0][1] in live]
+    live_blocks = [block for block in blocks if block[0][1] in live]
     before: dict[int, set[int]] = {label: set() for label in live}
-    for block in kept:
+    for block in live_blocks:
         for target in _successors(block):
             before[target].add(block[0][1])
-    for block in kept:
+    for block in live_blocks:
         predecessors = before[block[0][1]]
         block[:] = [_phi(words, predecessors) if spv.opcode(words) == spv.OP_PHI else words for words in block]
-    return _joined(kept, before)
+    return _joined(live_blocks, before)
 
 
 def _live_labels(at: Mapping[int, Block], first: int) -> set[int]:
@@ -223,7 +223,7 @@ def _joined(blocks: list[Block], before: Mapping[int, set[int]]) -> list[Block]:
     """Blocks that one other block leads to, and only to them, continue it, unless a merge instruction names them."""
     named = {label for block in blocks for label in _merge_labels(block)}
     into: dict[int, Block] = {}  # the block that now holds what a label began
-    kept = []
+    joined = []
     for block in blocks:
         label = block[0][1]
         first = into.get(next(iter(before[label]))) if len(before[label]) == 1 else None
@@ -232,10 +232,10 @@ def _joined(blocks: list[Block], before: Mapping[int, set[int]]) -> list[Block]:
             into[label] = first
         else:
             into[label] = block
-            kept.append(block)
-    for block in kept:
+            joined.append(block)
+    for block in joined:
         block[:] = [_renamed(words, into) if spv.opcode(words) == spv.OP_PHI else words for words in block]
-    return kept
+    return joined
 
 
 def _may_continue(first: Block, block: Block) -> bool:
@@ -251,5 +251,5 @@ def _renamed(words: Words, into: Mapping[int, Block]) -> Words:
 
 def _phi(words: Words, before: set[int]) -> Words:
     pairs = [pair for pair in zip(words[3::2], words[4::2], strict=True) if pair[1] in before]
-    kept = [*words[1:3], *(word for pair in pairs for word in pair)]
-    return spv.encoded(spv.OP_PHI, *kept)
+    operands = [*words[1:3], *(word for pair in pairs for word in pair)]
+    return spv.encoded(spv.OP_PHI, *operands)

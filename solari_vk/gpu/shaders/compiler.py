@@ -57,9 +57,9 @@ def glsl_root() -> Path:
     return installed if installed.is_dir() else Path(__file__).resolve().parents[3] / "glsl"
 
 
-def roots(given: Roots | None = None) -> list[Path]:
-    """The folders in which a shader is looked up, in this order: the given ones, the overlays, the package's."""
-    listed = [given] if isinstance(given, (str, os.PathLike)) else list(given or ())
+def roots(folders: Roots | None = None) -> list[Path]:
+    """The folders in which a shader is looked up, in this order: these folders, the overlays, the package's."""
+    listed = [folders] if isinstance(folders, (str, os.PathLike)) else list(folders or ())
     return list(dict.fromkeys([*map(Path, listed), *overlays, glsl_root()]))
 
 
@@ -270,7 +270,8 @@ def _compile(folders: Sequence[Path], file: Path, header: str, defines: Sequence
     source, stage = file.read_text(encoding="utf-8"), file.suffix.lstrip(".")
     # Ray generation shaders have no local size.
     if ray_generation.DEFINE in defines:
-        source, stage = ray_generation.without_local_size(source), "rgen"
+        source = ray_generation.without_local_size(source)
+        stage = "rgen"
     source = _with_header(source, header, file, "".join(f"#define {name}\n" for name in defines))
     arguments = source.encode(), stage, os.fspath(file), list(map(os.fspath, folders))
     spirv = _compile_text(*arguments, optimization=optimization)
@@ -306,11 +307,14 @@ def build_all(root: str | os.PathLike[str], out: str | os.PathLike[str]) -> list
 
 def _shipped_modules(sources: Sources, path: str) -> Iterator[tuple[str, tuple[str, bytes]]]:
     """The modules of a shader: the file of each, its key and the SPIR-V."""
-    for header, features in product(
-        ("", MANY_VIEWS) if has_many_views(path, sources) else ("",),
-        (True, False) if _has_features(sources, path) else (True,),
-    ):
-        name = f"{path}{'.views' * bool(header)}{'.plain' * (not features)}"
+    headers = ("", MANY_VIEWS) if has_many_views(path, sources) else ("",)
+    choices = (True, False) if _has_features(sources, path) else (True,)
+    for header, features in product(headers, choices):
+        name = path
+        if header:
+            name += ".views"
+        if not features:
+            name += ".plain"
         spirv = compile_shader(path, header=header, root=sources, features=features)
         yield f"{name}.spv", (_key(sources, path, header, _defines(sources, path, features, False)), spirv)
         if ray_generation.uses_ray_queries(spirv) and ray_generation.TRACE in sources.closure(path):

@@ -54,9 +54,12 @@ def without_dead_code(spirv: bytes) -> bytes:
     code = [words for number, body in functions.items() if number in live for words in body]
     # The second or third word of an instruction in a function is its result, which may be decorated.
     decorated = live.union(*(words[1:3] for words in code))
-    kept = [words for words in declarations if _stays(words, live, decorated, traces)]
-    kept = [_with_interface(words, live) if spv.opcode(words) == spv.OP_ENTRY_POINT else words for words in kept]
-    return _joined(spirv, (*kept, *code))
+    live_declarations = [words for words in declarations if _stays(words, live, decorated, traces)]
+    live_declarations = [
+        _with_interface(words, live) if spv.opcode(words) == spv.OP_ENTRY_POINT else words
+        for words in live_declarations
+    ]
+    return _joined(spirv, (*live_declarations, *code))
 
 
 def _reached(defined: dict[int, Words], functions: dict[int, list[Words]], declarations: list[Words]) -> set[int]:
@@ -147,5 +150,5 @@ def _with_interface(words: Words, live: set[int]) -> Words:
     """An entry point that names only live variables."""
     # The name is a string of words, the last of which ends with a zero byte; ids of variables follow.
     name_end = next(at for at in range(3, len(words)) if words[at] >> 24 == 0) + 1
-    kept = words[:name_end] + [word for word in words[name_end:] if word in live]
-    return spv.encoded(spv.OP_ENTRY_POINT, *kept[1:])
+    named = words[:name_end] + [word for word in words[name_end:] if word in live]
+    return spv.encoded(spv.OP_ENTRY_POINT, *named[1:])

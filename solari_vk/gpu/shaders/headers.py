@@ -1,7 +1,7 @@
 """GLSL headers that Python generates, so that a constant which both sides know is written once, in Python.
 
 A shader that has `#include "generated/settings.glsl"` gets the text that `solari_vk.settings.glsl_header()` returns;
-`generated/passes/display.glsl` asks the module `solari_vk.passes.display`, and so on. The include itself names the
+`generated/passes/denoise.glsl` asks the module `solari_vk.passes.denoise`, and so on. The include itself names the
 module: there is no list of them. Such a module must be importable without Vulkan, because wheels are built on machines
 that have none.
 

@@ -34,8 +34,9 @@ class Binding:
 
     def size_bytes(self, count: int) -> int:
         """The size in bytes of a buffer for this block with `count` elements in its runtime array."""
-        fixed = self.element_offset if self.element is not None else (self.dtype.itemsize if self.dtype else 0)
-        return fixed + (count * self.element.itemsize if self.element is not None else 0)
+        if self.element is not None:
+            return self.element_offset + count * self.element.itemsize
+        return self.dtype.itemsize if self.dtype else 0
 
 
 @dataclass(frozen=True)

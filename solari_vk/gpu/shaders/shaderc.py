@@ -1,7 +1,7 @@
-"""The two ways to run shaderc: its library through cffi, or its command `glslc` where the library can't be loaded.
+"""Two methods of running shaderc: its library through cffi, or its command `glslc` where the library can't be loaded.
 
 Debian 12's libshaderc.so.1 can't be loaded: it leaves symbols of glslang and SPIRV-Tools undefined and names no
-library that defines them. Both ways run the same compiler and give the same modules.
+library that defines them. Both methods run the same compiler and give the same modules.
 """
 
 from __future__ import annotations
@@ -171,7 +171,8 @@ def compile_source(
     `generated` are texts of includes that aren't files, by the paths that the sources include them by. Resources that
     are declared without a binding get some number.
     """
-    texts, macros = generated or {}, macros or {}
+    texts = generated or {}
+    macros = macros or {}
     loaded = library()
     if loaded is None:
         return _by_command(
@@ -187,7 +188,7 @@ def compile_source(
             warnings_as_errors,
         )
     # shaderc reads an include's text until it calls `release`: the strings must live until then.
-    kept: dict[Any, Any] = {}
+    references: dict[Any, Any] = {}
 
     @_ffi().callback("resolve")  # type: ignore[untyped-decorator]
     def resolve(_data: Any, requested: Any, kind: int, requesting: Any, _depth: int) -> Any:
@@ -199,14 +200,15 @@ def compile_source(
         strings = _ffi().new("char[]", os.fsencode(found)), _ffi().new("char[]", content)
         names = (strings[0], len(strings[0]) - 1, strings[1], len(content), _ffi().NULL)
         result = _ffi().new("shaderc_include_result*", names)
-        kept[result] = strings
+        references[result] = strings
         return result
 
     @_ffi().callback("release")  # type: ignore[untyped-decorator]
     def release(_data: Any, result: Any) -> None:
-        kept.pop(result, None)
+        references.pop(result, None)
 
-    compiler, options = loaded.shaderc_compiler_initialize(), loaded.shaderc_compile_options_initialize()
+    compiler = loaded.shaderc_compiler_initialize()
+    options = loaded.shaderc_compile_options_initialize()
     result = _ffi().NULL
     try:
         loaded.shaderc_compile_options_set_source_language(options, LANGUAGES[language])

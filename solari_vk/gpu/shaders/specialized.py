@@ -42,18 +42,18 @@ def has_many_switches(module: Module) -> bool:
 def specialized(module: Module, values: Mapping[str, int | float | bool]) -> Module:
     """The module with these values of specialization constants, by name; those without one have their defaults."""
     known = module.constants
-    given = tuple(
+    numbers = tuple(
         (known[name].id, np.array(value, known[name].dtype).tobytes())
         for name, value in values.items()
         if name in known
     )
-    return replace(module, spirv=_specialized(module.spirv, given))
+    return replace(module, spirv=_specialized(module.spirv, numbers))
 
 
 @lru_cache(maxsize=64)
-def _specialized(spirv: bytes, given: tuple[tuple[int, bytes], ...]) -> bytes:
+def _specialized(spirv: bytes, numbers: tuple[tuple[int, bytes], ...]) -> bytes:
     """The module with the bytes of constants, by their specialization ids."""
-    folding = _Folding(dict(given))
+    folding = _Folding(dict(numbers))
     declarations: list[int] = []
     at = spv.HEADER_WORDS
     for words in spv.instructions(spirv):
@@ -75,7 +75,8 @@ class _Folding:
 
     def folded(self, words: Words) -> Words:
         """What takes the place of a declaration."""
-        op, operands = spv.opcode(words), words[1:]
+        op = spv.opcode(words)
+        operands = words[1:]
         if op == spv.OP_DECORATE and operands[1] == spv.DECORATION_SPEC_ID:
             self._spec_ids[operands[0]] = operands[2]
             return []

@@ -266,7 +266,8 @@ class _Reader:
 
     def _sizes(self) -> tuple[tuple[int, int | None], ...]:
         for item in self.modes:
-            mode, words = item.words[1], item.words[2:]
+            mode = item.words[1]
+            words = item.words[2:]
             if mode == spv.MODE_LOCAL_SIZE:
                 return tuple((size, None) for size in words)
             if mode == spv.MODE_LOCAL_SIZE_ID:

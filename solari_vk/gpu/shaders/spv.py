@@ -63,7 +63,6 @@ DECORATION_OFFSET = 35
 
 # Types, all of whose opcodes but the last two lie in one range. Their first operand is the result.
 OP_TYPE_VOID = 19
-OP_TYPE_BOOL = 20
 OP_TYPE_INT = 21
 OP_TYPE_FLOAT = 22
 OP_TYPE_VECTOR = 23
@@ -119,9 +118,6 @@ MEMORY_ALIGNED = 2  # in the mask of memory operands: an alignment in bytes foll
 ACCESS_CHAINS = (OP_ACCESS_CHAIN, OP_IN_BOUNDS_ACCESS_CHAIN, OP_PTR_ACCESS_CHAIN, OP_IN_BOUNDS_PTR_ACCESS_CHAIN)
 
 # Values.
-OP_VECTOR_SHUFFLE = 79
-OP_COMPOSITE_EXTRACT = 81
-OP_COMPOSITE_INSERT = 82
 OP_COPY_OBJECT = 83
 OP_SAMPLED_IMAGE = 86
 OP_IMAGE_WRITE = 99

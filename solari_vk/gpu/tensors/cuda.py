@@ -237,7 +237,8 @@ class CudaMemory:
 
     def __init__(self, cuda: Cuda, fd: int, allocated: int, size: int) -> None:
         self._cuda = cuda
-        memory, pointer = _ffi.new("CUexternalMemory *"), _ffi.new("CUdeviceptr *")
+        memory = _ffi.new("CUexternalMemory *")
+        pointer = _ffi.new("CUdeviceptr *")
         with closed_on_error(fd), cuda.current():
             cuda.call(
                 "cuImportExternalMemory",

@@ -35,7 +35,7 @@ class _Tensor(ctypes.Structure):
 
 # What tensors need, by the addresses of their structures: DLPack's consumers hold an address alone, and nothing of
 # Python keeps the structure and the owner of the memory alive.
-_held: dict[int, tuple[Any, ...]] = {}
+_references: dict[int, tuple[Any, ...]] = {}
 _python: Any = ctypes.pythonapi
 _python.PyCapsule_New.restype = ctypes.py_object
 _python.PyCapsule_New.argtypes = (ctypes.c_void_p, ctypes.c_char_p, ctypes.c_void_p)
@@ -46,7 +46,7 @@ _python.PyCapsule_GetPointer.argtypes = (ctypes.c_void_p, ctypes.c_char_p)
 
 def _delete(address: int) -> None:
     """A consumer doesn't need a tensor any more."""
-    *_, released = _held.pop(address)
+    *_, released = _references.pop(address)
     released()
 
 
@@ -97,5 +97,5 @@ def capsule(
         ctypes.cast(_delete_in_c, ctypes.c_void_p),
     )
     at = ctypes.addressof(tensor)
-    _held[at] = tensor, sizes, released
+    _references[at] = tensor, sizes, released
     return _python.PyCapsule_New(at, b"dltensor", ctypes.cast(_delete_unused_in_c, ctypes.c_void_p))

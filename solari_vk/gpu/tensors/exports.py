@@ -98,7 +98,7 @@ class TensorExports:
                 self._timeline, self._semaphore = shared_memory.shared_timeline(device, self.cuda, undo)
             undo.callback(self._pool.close)
             self._end = undo.pop_all().close
-        device.share(device.own(self._close))
+        device.share(device.register(self._close))
 
     def export(
         self, record_copy: Callable[[raw.CData, raw.CData], None], shape: tuple[int, ...], dtype: np.dtype[Any]

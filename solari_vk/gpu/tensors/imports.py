@@ -127,7 +127,7 @@ class TensorImports:
                 self._timeline, self._semaphore = shared_memory.shared_timeline(device, exports.cuda, undo)
                 device.late.append(self._check_cuda)
             undo.callback(self._pool.close)
-            device.share(device.own(undo.pop_all().close))
+            device.share(device.register(undo.pop_all().close))
 
     def accept(self, value: Any, dtypes: Sequence[Any] = FLOATS) -> DeviceTensor | None:
         """A copy of a tensor as it is when the work is done that its stream has now. Neither the host nor later work of

@@ -1,4 +1,4 @@
-"""`TensorPort`: the one way by which tensors of CUDA's libraries become vertices, texels, material numbers and poses.
+"""`TensorPort`: makes vertices, texels, material numbers and poses of tensors of CUDA's libraries.
 
 1. `accept` copies a tensor, in the order of its library's stream, to memory that the device owns: a `DeviceTensor`.
    Later changes of the library's tensor don't reach it. What the port doesn't accept, the host reads.

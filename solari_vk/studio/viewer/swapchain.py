@@ -54,7 +54,7 @@ class Swapchain:
         self._values = [0] * FRAMES  # timeline values of the frames in flight
         self._frame = 0
         self._submissions: dict[Any, Submission] = {}
-        self._token = device.own(self._destroy)
+        self._token = device.register(self._destroy)
         try:
             self._make_surface()
         except BaseException:
