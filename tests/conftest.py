@@ -128,6 +128,15 @@ def lent_device(device_of_file, monkeypatch):
     return device
 
 
+@pytest.fixture(scope="session")
+def pool(any_device):
+    """Two workers, in processes of their own, which validate as all devices of the suite do."""
+    from solari_vk.renderers.cluster.worker_pool import WorkerPool  # late: it imports the renderers
+
+    with WorkerPool(workers=2) as opened:
+        yield opened
+
+
 @pytest.fixture
 def asset():
     """asset(name) -> the path of an asset; without it the test is skipped."""

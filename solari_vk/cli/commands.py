@@ -66,7 +66,7 @@ COMMANDS = (
         "fidelity",
         "render scenarios of Khronos' glTF render fidelity generator",
         "lab.cli.fidelity:run",
-        "lab.cli.fidelity_job:FidelityJob",
+        "lab.cli.fidelity:FidelityJob",
     ),
     Command(
         "conformance",

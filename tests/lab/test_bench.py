@@ -222,14 +222,14 @@ def test_quick_page_of_the_denoiser(lent_device, tmp_path, monkeypatch):
 def test_quick_page_of_compared_settings(lent_device, tmp_path):
     """With the settings of the preset errors and their ratio are as before; without the denoiser they rise."""
     page = tmp_path / "page.md"
-    judge = ["bench", "settings", "--quick", "--markdown", str(page), "--change"]
-    assert main([*judge, "denoise=on", "--change", "denoise=off,antialiasing=off"]) == 0
+    command = ["bench", "settings", "--quick", "--markdown", str(page), "--change"]
+    assert main([*command, "denoise=on", "--change", "denoise=off,antialiasing=off"]) == 0
     same, other = (cells(line) for line in page.read_text().splitlines() if line.startswith("| cornell_box"))
     assert same[3] == same[4]
     assert same[5].startswith("1.00")
     assert float(other[7]) > 2 * float(other[6]) == 2 * float(same[6])
-    assert main([*judge, "denose=on"]) == 2
-    assert main([*judge, "denoise=on", "--scene", "cornel_box"]) == 2
+    assert main([*command, "denose=on"]) == 2
+    assert main([*command, "denoise=on", "--scene", "cornel_box"]) == 2
 
 
 def test_page_of_times_that_are_given(lent_device, tmp_path, monkeypatch):
@@ -280,7 +280,7 @@ def test_quick_page_of_portals(lent_device, tmp_path):
 def test_compared_scenes_are_chosen_and_their_truth_is_kept(lent_device, tmp_path):
     """A second run takes the path tracer's pictures from the folder: with twice the light, errors are others."""
     page, kept = tmp_path / "page.md", tmp_path / "kept"
-    judge = [
+    command = [
         "bench",
         "settings",
         "--quick",
@@ -293,12 +293,12 @@ def test_compared_scenes_are_chosen_and_their_truth_is_kept(lent_device, tmp_pat
         "--references",
         str(kept),
     ]
-    assert main(judge) == 0
+    assert main(command) == 0
     (before,) = (cells(line) for line in page.read_text().splitlines() if line.startswith("| lamp_gap"))
     (path,) = kept.iterdir()
     held = dict(np.load(path))
     np.savez(path, references=held["references"] * 2, view=held["view"])
-    assert main(judge) == 0
+    assert main(command) == 0
     (after,) = (cells(line) for line in page.read_text().splitlines() if line.startswith("| lamp_gap"))
     assert before[3] != after[3]
     ratios = np.array([[before[at + 1], before[at], before[-2 + of]] for of, at in ((0, 3), (1, 6))], float)

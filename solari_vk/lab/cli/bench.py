@@ -66,7 +66,7 @@ class ComparedSettings(Measurement):
     MODULE = "compared_settings"
     files: tuple[Path, ...] = option(_SCENES, names=("files",), nargs="*", type=Path, default=())
     base: str = option("settings of both sides", "KEY=VALUE[,...]", default="")
-    change: tuple[str, ...] = option("settings to judge (repeatable)", "KEY=VALUE[,...]", action="append", default=())
+    change: tuple[str, ...] = option("settings to compare (repeatable)", "KEY=VALUE[,...]", action="append", default=())
     scene: tuple[str, ...] = option("a built-in scene (four of them; repeatable)", "NAME", action="append", default=())
     references: Path | None = option("keep the path tracer's pictures there", "FOLDER", type=Path)
     still: bool = flag("only the camera that stands still")
@@ -97,8 +97,8 @@ class Portals(Measurement):
         "environment maps beside the built-in skies", names=("files",), nargs="*", type=Path, default=()
     )
     size: tuple[int, int] = option("of the pictures (128x96)", "WxH", type=size, default=(128, 96))
-    samples: int = option("of the pictures that are judged (64)", "N", type=positive, default=64)
-    converged: int = option("samples of the pictures that judge (16384)", "N", type=positive, default=16384)
+    samples: int = option("of the pictures whose error is measured (64)", "N", type=positive, default=64)
+    converged: int = option("samples of the references (16384)", "N", type=positive, default=16384)
     seeds: int = option("independent runs (4)", "N", type=positive, default=4)
     quick: bool = flag(_QUICK)
 
@@ -158,7 +158,7 @@ class Still(Measurement):
     size: tuple[int, int] = option("of the pictures (160x90)", "WxH", type=size, default=(160, 90))
     error: float = option("the relMSE that is enough (0.005)", "E", type=factor, default=0.005)
     limit: int = option("the most samples or frames of a picture (512)", "N", type=positive, default=512)
-    samples: int = option("of the path tracer's pictures that judge (1024)", "N", type=positive, default=1024)
+    samples: int = option("of the path tracer's references (1024)", "N", type=positive, default=1024)
 
 
 @dataclass(frozen=True, kw_only=True)

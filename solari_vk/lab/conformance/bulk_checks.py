@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from solari_vk import rt
 from solari_vk.bound.spatial_order import spatial_order
+from solari_vk.lab.conformance.outcomes import SUITE, VULKAN, WGPU, Measurement, Rule, count_wrong
 from solari_vk.lab.conformance.probe_checks import run_rays
-from solari_vk.lab.conformance.rules import SUITE, VULKAN, WGPU, Measurement, Rule, count_wrong
 from solari_vk.lab.shader_runner import ShaderRunner
 from solari_vk.lab.structures import (
     IDENTITY,
@@ -234,10 +234,10 @@ def measure_not_finite(shaders: ShaderRunner) -> Iterator[Measurement]:
         caught, faults = run_rays(shaders, structures, rays, "debug build")
     wrong, missed = (np.flatnonzero((found["committed"]["kind"] != 0) != valid) for found in (released, caught))
     yield count_wrong(_NOT_FINITE, [labels[i] for i in wrong])
-    given = np.column_stack([released[name] for name in ("world_origin", "world_direction", "t_min")])
+    replaced = np.column_stack([released[name] for name in ("world_origin", "world_direction", "t_min")])
     # The ray that ray_query.glsl puts in place of invalid ones: along z, from the origin, with an empty range.
     right = np.where(valid[:, None], table[:, :7].astype(np.float32), (0, 0, 0, 0, 0, 1, 0))
-    passed_on = np.flatnonzero((given != right).any(axis=1))
+    passed_on = np.flatnonzero((replaced != right).any(axis=1))
     yield count_wrong(_REPLACED, [labels[i] for i in passed_on])
     miscounted = int(faults[_INVALID_RAY]) != (~valid).sum()
     yield count_wrong(_CAUGHT, [labels[i] for i in missed] + ["count"] * int(miscounted))

@@ -7,9 +7,8 @@ from dataclasses import dataclass
 from typing import Any
 
 from solari_vk.gpu.device.device import Device
-from solari_vk.lab.conformance.outcomes import UNSUPPORTED
+from solari_vk.lab.conformance.outcomes import UNSUPPORTED, Measurement, Rule
 from solari_vk.lab.conformance.recorder import Recorder
-from solari_vk.lab.conformance.rules import Measurement, Rule
 from solari_vk.lab.shader_runner import ShaderRunner
 
 
@@ -49,8 +48,8 @@ def cases_of(name: str, measure: Callable[..., Iterable[Measurement]], *cases: A
     def bind(*values: Any) -> Measure:
         return lambda context: measure(context, *values)
 
-    given = [case if isinstance(case, tuple) else (case,) for case in cases]
-    return {"-".join(map(str, (name, *values))): bind(*values) for values in given}
+    arguments = [case if isinstance(case, tuple) else (case,) for case in cases]
+    return {"-".join(map(str, (name, *values))): bind(*values) for values in arguments}
 
 
 def by(rays: str, rules: Iterable[Rule], measure: Measure) -> Measure:

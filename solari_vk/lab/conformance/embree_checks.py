@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solari_vk.bound.spatial_order import spatial_order
-from solari_vk.lab.conformance.rules import VULKAN, Measurement, Rule
+from solari_vk.lab.conformance.outcomes import VULKAN, Measurement, Rule
 from solari_vk.lab.embree import embree_scene, intersect_planes
 from solari_vk.lab.shader_runner import ShaderRunner
 from solari_vk.lab.structures import IDENTITY, Placement, Structures, Triangles, bumpy_ball, random_rotation, trace

@@ -9,8 +9,7 @@ from fnmatch import fnmatchcase
 from pathlib import Path
 
 from solari_vk.base.errors import SolariError
-from solari_vk.lab.conformance.outcomes import ERROR, Check, Outcome
-from solari_vk.lab.conformance.rules import Rule
+from solari_vk.lab.conformance.outcomes import ERROR, Check, Outcome, Rule
 
 FILE = Path(__file__).resolve().parent / "known_faults.toml"
 

@@ -7,11 +7,11 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from solari_vk import rt
+from solari_vk.lab.conformance.outcomes import Measurement
 from solari_vk.lab.conformance.probe_actions import CONFIRM
 from solari_vk.lab.conformance.probe_checks import probe_rays
 from solari_vk.lab.conformance.probe_table import PROBES
 from solari_vk.lab.conformance.probes import INSTANCES, SHAPES, TRIANGLE, Probe, call_rule
-from solari_vk.lab.conformance.rules import Measurement
 from solari_vk.lab.shader_runner import ShaderRunner
 from solari_vk.lab.structures import Structures, Triangles
 

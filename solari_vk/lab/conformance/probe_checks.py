@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 
 from solari_vk import rt
 from solari_vk.gpu.frame.frame import Draw, DrawList, Pass
+from solari_vk.lab.conformance.outcomes import SUITE, VULKAN, Measurement, Rule, count_wrong
 from solari_vk.lab.conformance.probe_actions import STEP_LIMIT
 from solari_vk.lab.conformance.probe_table import PROBES
 from solari_vk.lab.conformance.probes import AABB, INSTANCES, SHAPES, TRIANGLE, Expected, Probe, call_rule, hit_rule
-from solari_vk.lab.conformance.rules import SUITE, VULKAN, Measurement, Rule, count_wrong
 from solari_vk.lab.shader_runner import ShaderRunner
 from solari_vk.lab.structures import Placement, Structures, Triangles
 from solari_vk.scene.matrices import by_columns

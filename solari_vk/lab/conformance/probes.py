@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solari_vk.gpu.frame.ray_query_constants import IntersectionKind
+from solari_vk.lab.conformance.outcomes import VULKAN, WGPU, Rule
 from solari_vk.lab.conformance.probe_actions import CONFIRM
-from solari_vk.lab.conformance.rules import VULKAN, WGPU, Rule
 from solari_vk.lab.structures import (
     CULL_DISABLE,
     FLIP_FACING,

@@ -14,10 +14,9 @@ from solari_vk.lab.conformance import (
     structure_checks,
 )
 from solari_vk.lab.conformance.cases import CheckContext, by
-from solari_vk.lab.conformance.outcomes import ERROR, NOT_RUN, UNSUPPORTED, Check
+from solari_vk.lab.conformance.outcomes import ERROR, NOT_RUN, UNSUPPORTED, Check, Measurement
 from solari_vk.lab.conformance.probe_table import PROBES
 from solari_vk.lab.conformance.probes import INSTANCES, SHAPES, Probe, call_rule
-from solari_vk.lab.conformance.rules import Measurement
 from solari_vk.lab.embree import available
 from solari_vk.lab.structures import Structures
 

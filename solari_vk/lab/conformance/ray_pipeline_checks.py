@@ -9,9 +9,9 @@ from typing import NamedTuple
 import numpy as np
 
 from solari_vk.gpu.frame.frame import HitGroup, RayPass
+from solari_vk.lab.conformance.outcomes import VULKAN, Measurement, Rule, count_wrong
 from solari_vk.lab.conformance.probes import triangle
 from solari_vk.lab.conformance.ray_probe_checks import GLSL
-from solari_vk.lab.conformance.rules import VULKAN, Measurement, Rule, count_wrong
 from solari_vk.lab.shader_runner import ShaderRunner
 from solari_vk.lab.structures import Boxes, Placement, Structures, Triangles, translation
 

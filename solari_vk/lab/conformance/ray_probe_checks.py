@@ -8,11 +8,11 @@ import numpy as np
 
 from solari_vk.gpu.frame.frame import HitGroup, RayPass
 from solari_vk.gpu.frame.ray_query_constants import RayFlags
+from solari_vk.lab.conformance.outcomes import VULKAN, Measurement, Rule, count_wrong
 from solari_vk.lab.conformance.probe_actions import TERMINATE
 from solari_vk.lab.conformance.probe_checks import Checked, labels, measure_getters, measure_tables, probe_rays
 from solari_vk.lab.conformance.probe_table import PROBES
 from solari_vk.lab.conformance.probes import GENERATED, TRIANGLE, Expected, Probe
-from solari_vk.lab.conformance.rules import VULKAN, Measurement, Rule, count_wrong
 from solari_vk.lab.shader_runner import ShaderRunner
 from solari_vk.lab.structures import Structures
 

@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Sequence
 
 from solari_vk.lab.conformance.faults import Fault, find_end
-from solari_vk.lab.conformance.outcomes import ERROR, FAIL, FAULT, PASS, Check, Outcome
-from solari_vk.lab.conformance.rules import Measurement, Rule
+from solari_vk.lab.conformance.outcomes import ERROR, FAIL, FAULT, PASS, Check, Measurement, Outcome, Rule
 
 _GONE = "known_faults.toml lists this rule as failing, but {}: remove the entry"
 
@@ -28,10 +27,10 @@ class Recorder:
         """Record one or more measurements."""
         # Each outcome is told at once, so that a crash loses none that came before it.
         for made in [measured] if isinstance(measured, Measurement) else measured:
-            status, reason = self._judge(made)
+            status, reason = self._status_of(made)
             self._add(made.rule, status, made, reason)
 
-    def _judge(self, made: Measurement) -> tuple[str, str]:
+    def _status_of(self, made: Measurement) -> tuple[str, str]:
         """The status of a measurement and its reason, where the driver's known faults have one.
 
         A listed fault that is gone fails too, so that the list stays true.

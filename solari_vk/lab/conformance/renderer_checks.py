@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from solari_vk.gpu.device.device import Device
-from solari_vk.lab.conformance.rules import SUITE, Measurement, Rule
+from solari_vk.lab.conformance.outcomes import SUITE, Measurement, Rule
 from solari_vk.renderers.path_tracer import PathTracer
 from solari_vk.renderers.renderer import Renderer
 from solari_vk.scene.builtin import builtin, closed_box

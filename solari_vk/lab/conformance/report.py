@@ -47,11 +47,11 @@ class Report:
             "result": ("interrupted; " if interrupted else "") + self.verdict(),
         }
         # By group, since single checks are many and short.
-        taken: Counter[str] = Counter()
+        seconds_by_group: Counter[str] = Counter()
         for check, value in spent.items():
-            taken[check.group] += value  # type: ignore[assignment]
-        if taken:
-            self.header["seconds"] = ", ".join(f"{group} {value:.0f}" for group, value in taken.items())
+            seconds_by_group[check.group] += value  # type: ignore[assignment]
+        if seconds_by_group:
+            self.header["seconds"] = ", ".join(f"{group} {value:.0f}" for group, value in seconds_by_group.items())
         if left_out:
             self.header["left out"] = ", ".join(left_out)
 

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from solari_vk.bound.spatial_order import spatial_order
 from solari_vk.gpu.acceleration.blas_builds import build_blases
-from solari_vk.lab.conformance.rules import VULKAN, WGPU, Measurement, Rule, count_wrong
+from solari_vk.lab.conformance.outcomes import VULKAN, WGPU, Measurement, Rule, count_wrong
 from solari_vk.lab.shader_runner import ShaderRunner
 from solari_vk.lab.structures import (
     BUILD_MODES,

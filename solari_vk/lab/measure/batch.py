@@ -155,8 +155,8 @@ def _measured(device: Device, count: int, row: Row) -> tuple[str, ...]:
             work()
         device.wait_idle()
 
-    given = {"together": row.together, "many": row.many, "alone": row.alone, "one": row.one}
-    works: dict[str, Work] = {name: partial(until_done, work) for name, work in given.items() if work is not None}
+    functions = {"together": row.together, "many": row.many, "alone": row.alone, "one": row.one}
+    works: dict[str, Work] = {name: partial(until_done, work) for name, work in functions.items() if work is not None}
     # The same frames without `render_many`.
     works["in a row"] = partial(until_done, row.together, AT_ONCE)
     for work in works.values():

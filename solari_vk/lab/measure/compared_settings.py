@@ -61,7 +61,7 @@ def run(
     settings, and without a folder for the page.
     """
     if not change:
-        raise SolariError("bench settings: name the settings to judge, such as --change restir=on")
+        raise SolariError("bench settings: name the settings to compare, such as --change restir=on")
     compared = [_settings(base, text) for text in ("", *change)]
     plan = _Plan(size, timed_size, seeds, samples, LOOKS, 1 if still else 3)
     if quick:
@@ -75,9 +75,9 @@ def run(
             for rows, more in zip(tables, _rows(device, report, measured, compared, plan, references), strict=True):
                 rows += more
         for text, rows in zip(change, tables, strict=True):
-            given = f", both with {base}" if base else ""
+            shared = f", both with {base}" if base else ""
             sizes = "{}x{}, {} runs, timed at {}x{}".format(*plan.size, plan.seeds, *plan.timed_size)
-            report.table(f"{text}{given}, {sizes}", HEAD, rows)
+            report.table(f"{text}{shared}, {sizes}", HEAD, rows)
 
 
 @dataclass(frozen=True)
@@ -102,10 +102,10 @@ def _rows(
     for case in list(cases(scene, plan.size, max(plan.looks)))[: plan.cases]:
         name = f"{scene.name}, {case.name}"
         report.progress(name)
-        kept = references and references / f"{name}, {plan.size[0]}x{plan.size[1]}.npz"
+        reference_file = references and references / f"{name}, {plan.size[0]}x{plan.size[1]}.npz"
         # In motion only the last frame's camera has a reference.
         case = replace(case, looks=plan.looks if case.name == "still" else plan.looks[-1:])
-        truths = path_traced(device, scene, case.place(max(case.looks) - 1), plan.size, plan.samples, kept)
+        truths = path_traced(device, scene, case.place(max(case.looks) - 1), plan.size, plan.samples, reference_file)
         before, *others = (_errors(device, scene, case, truths, settings, plan.seeds) for settings in compared)
         for rows, after, time in zip(tables, others, times, strict=True):
             for look, old, new in zip(case.looks, before, after, strict=True):

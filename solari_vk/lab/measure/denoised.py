@@ -111,11 +111,11 @@ def run(
         for scene, case in _scenes_and_cases(scenes, plan):
             name = f"{scene.name}, {case.name}"
             report.progress(name)
-            kept = references and references / f"{name}, {size[0]}x{size[1]}.npz"
+            reference_file = references and references / f"{name}, {size[0]}x{size[1]}.npz"
             looks = [look for look in case.looks if look <= plan.frames]
             found = [measure(device, scene, case, size, looks, settings, SEED + seed) for seed in range(seeds)]
             camera = case.place(max(looks) - 1)
-            truths = path_traced(device, scene, camera, size, plan.samples, kept)
+            truths = path_traced(device, scene, camera, size, plan.samples, reference_file)
             _add_oidn(device, scene, camera, found)
             rows = [_row(same, truths, camera.exposure) for same in zip(*found, strict=True)]
             report.table(f"{scene.name} {size[0]}x{size[1]}, {case.name}", HEAD, rows)
@@ -208,21 +208,21 @@ def measure(
 
 
 def path_traced(
-    device: Device, scene: Scene, camera: Camera, size: tuple[int, int], samples: int, kept: Path | None
+    device: Device, scene: Scene, camera: Camera, size: tuple[int, int], samples: int, reference_file: Path | None
 ) -> Picture:
     """Two pictures (2, h, w, 3) of the path tracer, with half of the samples each."""
-    # What a kept reference depends on, beside the scene, which the name of the file has.
+    # What a stored reference depends on, beside the scene, which the name of the file has.
     view = np.array([*camera.transform.ravel(), camera.vertical_fov, samples])
-    kept_picture = np.load(kept) if kept is not None and os.path.isfile(kept) else None
-    if kept_picture is not None and "references" in kept_picture and np.array_equal(kept_picture["view"], view):
-        return np.asarray(kept_picture["references"])
+    stored = np.load(reference_file) if reference_file is not None and os.path.isfile(reference_file) else None
+    if stored is not None and "references" in stored and np.array_equal(stored["view"], view):
+        return np.asarray(stored["references"])
     pictures = np.empty((2, size[1], size[0], 3))
     with PathTracer(device, scene, size) as tracer:
         for number, picture in enumerate(pictures):
             tracer.seed = REFERENCE_SEED + number
             picture[:] = tracer.render(camera, samples=samples // 2)["radiance"]
-    if kept is not None:
-        with whole_file(kept) as temporary:
+    if reference_file is not None:
+        with whole_file(reference_file) as temporary:
             np.savez(temporary, references=pictures, view=view)
     return pictures
 
@@ -237,9 +237,9 @@ def _add_oidn(device: Device, scene: Scene, camera: Camera, runs: Sequence[Seque
         view = Projection.of(camera, (width, height))
         clean = tracer.first_hits.read_means(("albedo", "shading_normal"), view, (width, height))
     for look in itertools.chain(*runs):
-        given = look.raw if look.mean is None else look.mean
-        look.oidn = oidn.denoise(given, *look.guides, clean=False).astype(np.float64)
-        look.oidn_plus = oidn.denoise(given, *clean).astype(np.float64)
+        noisy = look.raw if look.mean is None else look.mean
+        look.oidn = oidn.denoise(noisy, *look.guides, clean=False).astype(np.float64)
+        look.oidn_plus = oidn.denoise(noisy, *clean).astype(np.float64)
 
 
 def _guides(frame: RenderedFrame) -> tuple[Picture, Picture]:

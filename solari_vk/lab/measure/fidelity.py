@@ -122,30 +122,30 @@ def read_scenarios(source: str) -> tuple[list[Scenario], Path | None]:
     return scenarios, None if output is None else Path(output)
 
 
-def _scenario(given: Any, where: str, folder: Path) -> Scenario:
-    if not isinstance(given, dict):
-        raise SolariError(f"{where}: must be an object with 'name' and 'model', not {quoted(given)}")
-    name = given.get("name")
+def _scenario(entry: Any, where: str, folder: Path) -> Scenario:
+    if not isinstance(entry, dict):
+        raise SolariError(f"{where}: must be an object with 'name' and 'model', not {quoted(entry)}")
+    name = entry.get("name")
     if not isinstance(name, str) or name in ("", ".", "..") or set(name) & set("/\\\0"):
         raise SolariError(f"{where}: 'name' must be a name that a file can have, not {quoted(name)}")
     where = f"{where.rpartition(' ')[0]} '{name}'"
-    for key in given:
+    for key in entry:
         if key not in ("name", "model", *DEFAULTS):
             raise unknown_name(f"{where}: there is no key", key, ("name", "model", *DEFAULTS))
     values = {
-        key: _merged(given.get(key, default), default, f"{where}: '{key}'", LIMITS.get(key))
+        key: _merged(entry.get(key, default), default, f"{where}: '{key}'", LIMITS.get(key))
         for key, default in DEFAULTS.items()
     }
     target, orbit, size = (values[key] for key in ("target", "orbit", "dimensions"))
     if orbit["radius"] < 0:
         raise SolariError(f"{where}: 'orbit' has a radius of {orbit['radius']}: give one of at least 0")
-    if not isinstance(given.get("model"), str):
-        raise SolariError(f"{where}: 'model' must be the path of a file, not {quoted(given.get('model'))}")
+    if not isinstance(entry.get("model"), str):
+        raise SolariError(f"{where}: 'model' must be the path of a file, not {quoted(entry.get('model'))}")
     return Scenario(
         name,
         where,
         folder,
-        given["model"],
+        entry["model"],
         values["lighting"],
         (round(size["width"]), round(size["height"])),
         (target["x"], target["y"], target["z"]),
@@ -158,21 +158,20 @@ def _scenario(given: Any, where: str, folder: Path) -> Scenario:
     )
 
 
-def _merged(given: Any, default: Any, where: str, limits: tuple[float, float] | None) -> Any:
+def _merged(value: Any, default: Any, where: str, limits: tuple[float, float] | None) -> Any:
     """A value of the default's type, whose missing parts are the default's."""
     if isinstance(default, dict):
-        if not isinstance(given, dict) or not default.keys() >= given.keys():
-            raise SolariError(f"{where} must be an object of {', '.join(default)}, not {quoted(given)}")
-        return {
-            key: _merged(given.get(key, value), value, f"{where}: '{key}'", limits) for key, value in default.items()
-        }
+        if not isinstance(value, dict) or not default.keys() >= value.keys():
+            raise SolariError(f"{where} must be an object of {', '.join(default)}, not {quoted(value)}")
+        parts = default.items()
+        return {key: _merged(value.get(key, part), part, f"{where}: '{key}'", limits) for key, part in parts}
     if limits is None:
-        if not isinstance(given, type(default)):
-            raise SolariError(f"{where} must be of the type {type(default).__name__}, not {quoted(given)}")
-        return given
-    if isinstance(given, bool) or not isinstance(given, (int, float)) or not limits[0] <= given <= limits[1]:
-        raise SolariError(f"{where} must be a number from {limits[0]:g} to {limits[1]:g}, not {quoted(given)}")
-    return float(given)
+        if not isinstance(value, type(default)):
+            raise SolariError(f"{where} must be of the type {type(default).__name__}, not {quoted(value)}")
+        return value
+    if isinstance(value, bool) or not isinstance(value, (int, float)) or not limits[0] <= value <= limits[1]:
+        raise SolariError(f"{where} must be a number from {limits[0]:g} to {limits[1]:g}, not {quoted(value)}")
+    return float(value)
 
 
 def show_unlit_colors(scene: Scene) -> None:

@@ -99,9 +99,9 @@ def _time_of_images() -> Iterator[list[float]]:
     spent: list[float] = []
     read = Images.read
 
-    def timed(self: Images, *given: Any) -> None:
+    def timed(self: Images, *arguments: Any) -> None:
         started = time.perf_counter()
-        read(self, *given)
+        read(self, *arguments)
         spent.append(time.perf_counter() - started)
 
     setattr(Images, "read", timed)  # noqa: B010

@@ -49,7 +49,7 @@ def run(
     """Measure and print a table.
 
     files: environment maps beside the built-in skies. size: of the pictures, (width, height). samples: of the path
-    tracer's pictures that are judged, converged: of those that judge. quick: tiny pictures of one sky.
+    tracer's pictures whose error is measured. converged: of their references. quick: tiny pictures of one sky.
     """
     skies: list[tuple[str, Callable[[], EnvironmentLight]]] = [
         ("one color", lambda: Environment(1000.0)),

@@ -70,4 +70,6 @@ def measuring(
 
 def milliseconds(value: float) -> str:
     """Milliseconds as text, with more digits for small values."""
-    return f"{value:.2f}" if value < 10 else f"{value:.1f}" if value < 100 else f"{value:,.0f}"
+    if value < 10:
+        return f"{value:.2f}"
+    return f"{value:.1f}" if value < 100 else f"{value:,.0f}"

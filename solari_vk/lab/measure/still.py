@@ -108,7 +108,7 @@ def run(
     rays: str | None = None,
 ) -> None:
     """Measure and report. error: the relMSE that is enough. limit: the most samples or frames of a picture. samples: of
-    each of the two pictures that judge. Other arguments are those of `measuring`."""
+    each of the two references. Other arguments are those of `measuring`."""
     head = ("scene", *(cell for method in METHODS for cell in (method, "first")))
     with measuring(select, rays, markdown, "Still pictures", *INTRO) as (device, report):
         rows = []

@@ -59,7 +59,7 @@ def present(others: Sequence[str], pythons: Mapping[str, str]) -> tuple[list[str
 
 
 def run(
-    given: Iterator[TrialScene | tuple[str, SolariError]],
+    scenes: Iterator[TrialScene | tuple[str, SolariError]],
     others: Sequence[str],
     plan: Plan,
     conditions: Conditions,
@@ -80,7 +80,7 @@ def run(
         "load of the host before": host_load(),
     }
     page = Page(folder, facts, absent)
-    for item in given:
+    for item in scenes:
         if isinstance(item, TrialScene):
             print(f"{item.file}", flush=True)
             found = measure(item, used, plan, conditions, pythons, folder / item.name, child)

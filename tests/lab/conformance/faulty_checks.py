@@ -13,7 +13,7 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 
 from solari_vk.gpu.device import raw
-from solari_vk.lab.conformance.rules import Measurement, Rule
+from solari_vk.lab.conformance.outcomes import Measurement, Rule
 
 
 def measuring(*actions):

@@ -16,10 +16,9 @@ import pytest
 from solari_vk.lab.conformance import run
 from solari_vk.lab.conformance.children import Death
 from solari_vk.lab.conformance.faults import Fault
-from solari_vk.lab.conformance.outcomes import CRASH, FAIL, FAULT, PASS, Check
+from solari_vk.lab.conformance.outcomes import CRASH, FAIL, FAULT, PASS, Check, Measurement, Rule
 from solari_vk.lab.conformance.recorder import Recorder
 from solari_vk.lab.conformance.results import Results
-from solari_vk.lab.conformance.rules import Measurement, Rule
 from solari_vk.lab.conformance.worker import CheckBegan, DeviceOpened, SuiteOptions
 
 LIMIT = 10  # seconds, far more than a check takes that doesn't hang

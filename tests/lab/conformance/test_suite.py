@@ -13,10 +13,21 @@ from solari_vk.base.errors import SolariError
 from solari_vk.cli import main
 from solari_vk.lab.conformance import embree_checks, groups, run
 from solari_vk.lab.conformance.faults import Fault, known_faults, unexplained
-from solari_vk.lab.conformance.outcomes import ERROR, FAIL, FAULT, NOT_RUN, PASS, UNSUPPORTED, Check, Outcome, rows
+from solari_vk.lab.conformance.outcomes import (
+    ERROR,
+    FAIL,
+    FAULT,
+    NOT_RUN,
+    PASS,
+    UNSUPPORTED,
+    Check,
+    Measurement,
+    Outcome,
+    Rule,
+    rows,
+)
 from solari_vk.lab.conformance.recorder import Recorder
 from solari_vk.lab.conformance.report import Report
-from solari_vk.lab.conformance.rules import Measurement, Rule
 from solari_vk.lab.conformance.worker import SuiteOptions
 
 RULE, OTHER = Rule("a rule", "a document", "a section"), Rule("another | rule", "a document", "a section")

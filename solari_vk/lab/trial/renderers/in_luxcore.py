@@ -65,7 +65,7 @@ class Builder:
 
     def __init__(self, job: dict[str, Any], folder: Path) -> None:
         self.job, self.folder = job, folder
-        self.given = json.loads((folder / "mitsuba.json").read_text(encoding="utf-8"))
+        self.translated = json.loads((folder / "mitsuba.json").read_text(encoding="utf-8"))
         self.made = pyluxcore.Scene()
         self.count = 0  # of textures
 
@@ -79,9 +79,9 @@ class Builder:
             self.parse(f"lights.light{index}", self.light(light))
         if self.job["environment"] is not None:
             self.environment(self.job["environment"])
-        for index, material in enumerate(self.given["materials"]):
+        for index, material in enumerate(self.translated["materials"]):
             self.parse(f"materials.material{index}", self.material(material))
-        for index, shape in enumerate(self.given["shapes"]):
+        for index, shape in enumerate(self.translated["shapes"]):
             arrays = np.load(self.folder / shape["file"])
             names = ("positions", "triangles", "normals", "uvs", "colors")
             lists = [list(map(tuple, arrays[name].tolist())) if name in arrays else None for name in names]
@@ -161,36 +161,37 @@ class Builder:
         height, width, channels = texels.shape
         self.made.DefineImageMap(name, np.ascontiguousarray(texels, np.float32).ravel(), 1.0, channels, width, height)
 
-    def texture(self, given: Any) -> Any:
+    def texture(self, texture: Any) -> Any:
         """A number or a color as it is; of a dictionary the name of a texture, whose file holds linear values."""
-        if not isinstance(given, dict):
-            return given
+        if not isinstance(texture, dict):
+            return texture
         self.count += 1
         name = f"texture{self.count}"
-        if "attribute" in given:
+        if "attribute" in texture:
             self.parse(f"textures.{name}", {"type": "hitpointcolor"})
             return name
-        self.image(given["file"], np.load(self.folder / given["file"]))
+        self.image(texture["file"], np.load(self.folder / texture["file"]))
         self.parse(
-            f"textures.{name}", {"type": "imagemap", "file": given["file"], "gamma": 1.0, "wrap": WRAPS[given["wrap"]]}
+            f"textures.{name}",
+            {"type": "imagemap", "file": texture["file"], "gamma": 1.0, "wrap": WRAPS[texture["wrap"]]},
         )
         return name
 
-    def material(self, given: dict[str, Any]) -> dict[str, Any]:
+    def material(self, material: dict[str, Any]) -> dict[str, Any]:
         """A material, with what it emits."""
-        parameters = {name: self.texture(value) for name, value in given["parameters"].items()}
-        if given["type"] == "diffuse":
+        parameters = {name: self.texture(value) for name, value in material["parameters"].items()}
+        if material["type"] == "diffuse":
             made = {"type": "matte", "kd": parameters.get("reflectance", [0.0] * 3)}
-        elif given["type"] in GLASS:
+        elif material["type"] in GLASS:
             made = {
-                "type": GLASS[given["type"]],
+                "type": GLASS[material["type"]],
                 "kr": [1.0] * 3,
                 "kt": parameters["specular_transmittance"],
                 "interiorior": parameters["int_ior"],
             }
-            if given["cauchy"] and given["type"] == "dielectric":
-                made["cauchyb"] = given["cauchy"]  # its index of refraction is that of endless waves
-                made["interiorior"] -= given["cauchy"] / 0.58756**2
+            if material["cauchy"] and material["type"] == "dielectric":
+                made["cauchyb"] = material["cauchy"]  # its index of refraction is that of endless waves
+                made["interiorior"] -= material["cauchy"] / 0.58756**2
             if "alpha" in parameters:
                 made |= dict.fromkeys(("uroughness", "vroughness"), parameters["alpha"])
         else:
@@ -200,13 +201,13 @@ class Builder:
             parameters.pop("spec_trans", None)
             made = {"type": "disney", "specular": ((eta - 1) / (eta + 1)) ** 2 / 0.08}
             made |= {DISNEY.get(name, name): value for name, value in parameters.items()}
-        if "normal" in given:
+        if "normal" in material:
             self.count += 1
             name = f"normal{self.count}"
-            self.parse(f"textures.{name}", {"type": "normalmap", "texture": self.texture(given["normal"])})
+            self.parse(f"textures.{name}", {"type": "normalmap", "texture": self.texture(material["normal"])})
             made["bumptex"] = name
-        if "opacity" in given:
-            made["transparency"] = self.texture(given["opacity"])
-        if "radiance" in given:
-            made |= {"emission": self.texture(given["radiance"]), "emission.gain": [1.0] * 3, "emission.power": 0.0}
+        if "opacity" in material:
+            made["transparency"] = self.texture(material["opacity"])
+        if "radiance" in material:
+            made |= {"emission": self.texture(material["radiance"]), "emission.gain": [1.0] * 3, "emission.power": 0.0}
         return made

@@ -52,7 +52,7 @@ class Builder:
 
     def __init__(self, job: dict[str, Any], folder: Path) -> None:
         self.job, self.folder = job, folder
-        self.given = json.loads((folder / "mitsuba.json").read_text(encoding="utf-8"))
+        self.translated = json.loads((folder / "mitsuba.json").read_text(encoding="utf-8"))
 
     def scene(self) -> Any:
         """The scene, with a box as pixel filter and without roulette."""
@@ -86,8 +86,8 @@ class Builder:
             parts[f"light{index}"] = self.light(light)
         if job["environment"] is not None:
             parts["environment"] = self.environment(job["environment"])
-        materials = [self.material(material) for material in self.given["materials"]]
-        for index, shape in enumerate(self.given["shapes"]):
+        materials = [self.material(material) for material in self.translated["materials"]]
+        for index, shape in enumerate(self.translated["shapes"]):
             parts[f"shape{index}"] = self.shape(f"shape{index}", shape, *materials[shape["material"]])
         return mi.load_dict(parts)
 
@@ -140,37 +140,37 @@ class Builder:
         bitmap = mi.Bitmap(np.ascontiguousarray(texels, np.float32))
         return {"type": "envmap", "bitmap": bitmap, "to_world": mi.ScalarTransform4f(to_world)}
 
-    def texture(self, given: Any) -> Any:
+    def texture(self, texture: Any) -> Any:
         """A number or a color as it is; of a dictionary the texture, whose file holds linear values."""
-        if not isinstance(given, dict):
-            return rgb(given) if isinstance(given, list) else given
-        if "attribute" in given:
-            return {"type": "mesh_attribute", "name": given["attribute"]}
-        bitmap = mi.Bitmap(np.load(self.folder / given["file"]))
+        if not isinstance(texture, dict):
+            return rgb(texture) if isinstance(texture, list) else texture
+        if "attribute" in texture:
+            return {"type": "mesh_attribute", "name": texture["attribute"]}
+        bitmap = mi.Bitmap(np.load(self.folder / texture["file"]))
         return {
             "type": "bitmap",
             "bitmap": bitmap,
             "raw": True,
-            "wrap_mode": given["wrap"],
-            "filter_type": given["filter"],
+            "wrap_mode": texture["wrap"],
+            "filter_type": texture["filter"],
         }
 
-    def material(self, given: dict[str, Any]) -> tuple[dict[str, Any], dict[str, Any] | None]:
+    def material(self, material: dict[str, Any]) -> tuple[dict[str, Any], dict[str, Any] | None]:
         """The BSDF and the emitter of a material."""
-        bsdf: dict[str, Any] = {"type": given["type"]}
-        bsdf |= {name: self.texture(value) for name, value in given["parameters"].items()}
-        if "normal" in given:
-            bsdf = {"type": "normalmap", "normalmap": self.texture(given["normal"]), "bsdf": bsdf}
-        if not given["type"].endswith("dielectric") and not given["parameters"].get("spec_trans"):
+        bsdf: dict[str, Any] = {"type": material["type"]}
+        bsdf |= {name: self.texture(value) for name, value in material["parameters"].items()}
+        if "normal" in material:
+            bsdf = {"type": "normalmap", "normalmap": self.texture(material["normal"]), "bsdf": bsdf}
+        if not material["type"].endswith("dielectric") and not material["parameters"].get("spec_trans"):
             bsdf = {"type": "twosided", "bsdf": bsdf}
-        if "opacity" in given:
-            bsdf = {"type": "mask", "opacity": self.texture(given["opacity"]), "bsdf": bsdf}
-        emitted = given.get("radiance")
+        if "opacity" in material:
+            bsdf = {"type": "mask", "opacity": self.texture(material["opacity"]), "bsdf": bsdf}
+        emitted = material.get("radiance")
         return bsdf, None if emitted is None else {"type": "area", "radiance": self.texture(emitted)}
 
-    def shape(self, name: str, given: dict[str, Any], bsdf: dict[str, Any], emitter: dict[str, Any] | None) -> Any:
+    def shape(self, name: str, shape: dict[str, Any], bsdf: dict[str, Any], emitter: dict[str, Any] | None) -> Any:
         """A mesh."""
-        arrays = np.load(self.folder / given["file"])
+        arrays = np.load(self.folder / shape["file"])
         properties = mi.Properties()
         properties["mesh_bsdf"] = mi.load_dict(bsdf)
         if emitter is not None:

@@ -12,8 +12,10 @@ import pytest
 
 import solari_vk as sv
 from solari_vk.cli import main
-from solari_vk.data.cluster import OneDevice, RenderTask, Style, View, WorkerPool, render_reference
-from solari_vk.renderers.cluster.reference import ChunkResult, ReferencePicture, chunk_samples
+from solari_vk.data.datasets.tasks import RenderTask, Style, View
+from solari_vk.renderers.cluster.device_session import OneDevice
+from solari_vk.renderers.cluster.reference import ChunkResult, ReferencePicture, chunk_samples, render_reference
+from solari_vk.renderers.cluster.worker_pool import WorkerPool
 
 SIZE = 24, 16
 LAYERS = ("depth", "variance")
@@ -114,7 +116,7 @@ def test_no_worker_is_profiled(pool):
     assert list(profiled.values()) == [False] * pool.worker_count
 
 
-@pytest.mark.slow  # tests/data/cluster/test_faults.py has other faults
+@pytest.mark.slow  # test_faults.py has other faults
 def test_a_killed_worker_changes_no_bit(pool, render, picture):
     """It is killed in the middle; the scheduler gives its jobs to the other, and a new process takes its place."""
     victim = next(iter(pool.client.run(os.getpid).values()))

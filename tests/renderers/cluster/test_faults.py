@@ -16,16 +16,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from support.files import files_limited_to
 
 import solari_vk as sv
 from solari_vk.cli import main
-from solari_vk.data.cluster import OneDevice, RenderTask, Style, View, WorkerPool, render_reference, render_tasks
-from solari_vk.data.datasets import tasks as shots_module
 from solari_vk.gpu.device.physical import DeviceReport
-from solari_vk.output.picture import save_image
-from solari_vk.renderers.cluster.device_session import pack
+from solari_vk.renderers.cluster.device_session import OneDevice, pack
 from solari_vk.renderers.cluster.identity import Identity, code_hash, device_of_worker
+from solari_vk.renderers.cluster.reference import render_reference
+from solari_vk.renderers.cluster.worker_pool import WorkerPool
 
 SIZE = 24, 16
 
@@ -119,56 +117,6 @@ def test_a_scheduler_that_does_not_answer(tmp_path, capsys, monkeypatch):
         assert words in capsys.readouterr().err
 
 
-def tasks(folder, count=4):
-    scene = sv.builtin("cornell_box")
-    style = Style(SIZE, samples=1)
-    return scene, [RenderTask(style, n, (View(f"{n}.npy", scene.camera),), folder=folder) for n in range(count)]
-
-
-def fill_disk():
-    """Runs in workers."""
-    shots_module.save_image = save_on_full_disk
-
-
-def empty_disk():
-    """Runs in workers."""
-    shots_module.save_image = save_image
-
-
-def running(dask_worker):
-    """Runs in workers: the number of tasks that are under way, those called off too."""
-    return dask_worker.state.executing_count
-
-
-def save_on_full_disk(*given, **options):
-    with files_limited_to(1000):
-        save_image(*given, **options)
-
-
-@pytest.mark.parametrize("shared", [True, False], ids=["workers write", "files come back"])
-def test_a_full_disk(pool, tmp_path, shared):
-    """The message names the file; no file is left half written, and the next run renders what is missing."""
-    scene, two = tasks(str(tmp_path) if shared else None, 2)
-    _, four = tasks(str(tmp_path) if shared else None)
-    journal = tmp_path / "journal.jsonl"
-    assert render_tasks(pool, scene, two, journal) == 2
-    whole = {path.name: path.read_bytes() for path in tmp_path.glob("*.npy")}
-    if shared:
-        pool.client.run(fill_disk)
-    try:
-        with files_limited_to(4000), pytest.raises(sv.SolariError, match=r"[23]\.npy: can't be written"):
-            render_tasks(pool, scene, four, journal)
-    finally:
-        while any(pool.client.run(running).values()):
-            time.sleep(0.05)
-        if shared:
-            pool.client.run(empty_disk)
-    assert {path.name: path.read_bytes() for path in tmp_path.glob("*.npy")} == whole
-    assert not [path for path in tmp_path.iterdir() if path.name.startswith(".")]
-    assert render_tasks(pool, scene, four, journal) == 4
-    assert {path.name for path in tmp_path.glob("*.npy")} == {f"{n}.npy" for n in range(4)}
-
-
 @pytest.mark.slow
 def test_a_job_that_kills_its_workers_is_named(pool):
     """Dask gives up after four workers, and the pool says which job it was."""
@@ -250,8 +198,8 @@ def test_workers_of_dask_cuda_get_their_own_devices(monkeypatch):
     reports = [report(0), report(1), report(2, "cpu")]
     monkeypatch.delenv("SOLARI_VK_DEVICE", raising=False)
     uuids = {"": None, "0": "00-aa", "1,0": "11-aa", "2": None, "GPU-11-AA,GPU-00-aa": "11-aa", "GPU-x": None}
-    for given, uuid in uuids.items():
-        monkeypatch.setenv("CUDA_VISIBLE_DEVICES", given)
+    for visible, uuid in uuids.items():
+        monkeypatch.setenv("CUDA_VISIBLE_DEVICES", visible)
         assert device_of_worker(reports) == uuid
     monkeypatch.setenv("CUDA_VISIBLE_DEVICES", "1")
     monkeypatch.setenv("SOLARI_VK_DEVICE", "0")
