@@ -217,7 +217,7 @@ class Batch(BatchResults):
         """Render a frame of arguments that are checked. reset (N,): views without history."""
         if cameras.lenses and LENSES not in self.binder.features:
             self.binder.mark_changed(cameras.lenses[0])
-        if self._worlds.count > 1 or self._worlds.shows_scenes:
+        if self._worlds.has_tables:
             # Before the frames apply edits: worlds have records of the edited scene, and may add features to shaders.
             self.binder.update()
             self._worlds.update()

@@ -141,11 +141,10 @@ class BatchRenderer(Renderer):
 
     def _stages(self, picture: Size) -> list[Stage]:
         settings = self.settings
-        has_worlds = self._worlds.count > 1 or self._worlds.shows_scenes
         needed = {
             "lighting=paths": settings.lighting == "paths",
             "gbuffer=traced": settings.gbuffer != "raster",
-            "restir=off where there are several worlds": not (settings.restir and has_worlds),
+            "restir=off where there are several worlds": not (settings.restir and self._worlds.has_tables),
             "frame_ms=0": settings.frame_ms <= 0,
         }
         for setting, is_met in needed.items():
@@ -159,7 +158,7 @@ class BatchRenderer(Renderer):
 
     def _remember_build(self) -> None:
         super()._remember_build()
-        # Twice, so that as many offsets follow on each of them.
+        # The sequence stands there twice, so that the offsets of a whole period follow on each place of the first one.
         self._offsets = np.array(2 * self._jitters).T
 
     def _write_settings(self) -> None:
@@ -229,7 +228,7 @@ class BatchRenderer(Renderer):
         self._jitter_begins = 7 * seeds.astype(np.int64) % len(self._jitters)
 
     def _write_shared(self, keeps_cache: bool) -> None:
-        """Write what passes without a pixel read."""
+        """Write the uniforms of passes that go over all views at once, such as those of the world cache."""
         if not keeps_cache:
             self._changes.clear()
         self._changes.upload()

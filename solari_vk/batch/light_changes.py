@@ -30,7 +30,7 @@ class LightState(NamedTuple):
 
     @classmethod
     def of(cls, lights: LightList) -> LightState:
-        """Of a list."""
+        """The state of a list of lights, whose arrays it shares."""
         return cls(lights.ids, lights.emitted, lights.centers, lights.positions)
 
 

@@ -54,7 +54,8 @@ class OverriddenInstances:
             columns = np.array([found[material][1:] for material in materials], np.uint32).T
             self._surfaces[instance] = InstanceOverride(None, *columns)
         # Temporal antialiasing drops history of blended surfaces that are gone in frames in which one has changed.
-        self._binder.records.blended_changes += blended != self._blended
+        if blended != self._blended:
+            self._binder.records.blended_changes += 1
         self._blended = blended
         if built_anew:
             self._binder.update()

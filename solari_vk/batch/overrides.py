@@ -77,7 +77,7 @@ class Overrides(MutableMapping[str | Item, Values], Generic[Item, Values]):
         self.replace(*self.checked(key, values))
 
     def __getitem__(self, key: str | Item) -> Values:
-        """A copy."""
+        """A copy of what an object is in each world."""
         item = self._item(key)
         values: Any = self._values[item] if item in self._values else self._by_default(item)
         copied: Any = values.read() if isinstance(values, DeviceTensor) else values.copy()

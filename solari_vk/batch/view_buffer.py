@@ -154,7 +154,6 @@ class ViewBuffer:
         self._port.write([Dispatch("cameras", (self._count, 1), pushed)], "poses", with_next=True)
 
     def destroy(self) -> None:
-        """Free everything."""
         for owned in (self._frame, self._inputs, *(kernel for kernel, _ in self._steps), self.buffer, self._poses):
             if owned is not None:
                 owned.destroy()

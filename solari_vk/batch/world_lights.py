@@ -341,7 +341,6 @@ class WorldLightLists:
             self._data.set(light, None)
 
     def destroy(self) -> None:
-        """Free everything."""
         self.clear()
         self._data.destroy()
 

@@ -45,7 +45,8 @@ class WorldStructures:
             self._make_builds(buffer, records.shape[1], counts)
 
     def build(self) -> None:
-        """Have the next submission build all structures. No world has a structure of the previous frame."""
+        """Have the next submission build all structures. Worlds keep no structure of the previous frame: shaders that
+        ask for it get the current one."""
         assert self._builds is not None
         self._builds.submit()
         self.set_addresses([structure.address for structure in self._structures for _ in ("now", "previous")])
@@ -71,7 +72,6 @@ class WorldStructures:
         return Tlas(self._device, count, name=f"world {world}")
 
     def destroy(self) -> None:
-        """Free everything."""
         for owned in (self._builds, *self._structures, self.addresses, self.records):
             if owned is not None:
                 owned.destroy()

@@ -44,8 +44,8 @@ class Worlds:
         """None where each world shows a scene of its own."""
         self._device = device
         self._binder = binder
-        # One world of one scene needs no tables of its own: it is the scene as the binder has it.
-        self._has_tables = count > 1 or binder.has_many_scenes
+        self.has_tables = count > 1 or binder.has_many_scenes
+        """Whether the worlds have records of their own. One world of one scene is the scene as the binder has it."""
         self._lights = WorldLights(device, binder.lights, count)
         self._world_light_lists = WorldLightLists(device, binder, count)
         self._overridden_instances = OverriddenInstances(binder)
@@ -94,11 +94,6 @@ class Worlds:
         return self.overrides
 
     @property
-    def shows_scenes(self) -> bool:
-        """Whether each world has a scene of its own."""
-        return self.overrides is None
-
-    @property
     def resources(self) -> Mapping[str, Any]:
         """Buffers by their names in GLSL."""
         return self._shared | self._buffers | {"world_structures": self._structures.addresses}
@@ -120,7 +115,7 @@ class Worlds:
 
     @property
     def lit(self) -> bool:
-        """Whether something may shine in a world that its scene doesn't have."""
+        """Whether a world may have light that its scene lacks: a light, or an unlit material, of its own."""
         if self.overrides is None:
             return False
         if any(len(state.ids) for state in self.light_states or ()):
@@ -145,7 +140,7 @@ class Worlds:
     def update(self) -> int:
         """Have the next submission show the worlds as they are, and their scenes, whose edits are applied; returns
         `version`. Raises SolariError for more worlds than the device holds, and for what worlds can't have."""
-        if not self._has_tables:
+        if not self.has_tables:
             tlas = self._binder.tlas
             assert tlas is not None
             self._structures.set_addresses([tlas.current.address, (tlas.previous or tlas.current).address])
@@ -185,7 +180,8 @@ class Worlds:
         has_new_surfaces = is_new or bool(overrides.materials.changed)
         if has_new_surfaces:
             self._overridden_instances.follow_materials(overrides)
-        self._binder.records.blended_changes += any(map(self._overridden_instances.is_blended, moved))
+        if any(map(self._overridden_instances.is_blended, moved)):
+            self._binder.records.blended_changes += 1
         has_new_lights = has_new_surfaces or self._may_change_lights(overrides)
         if has_new_lights:
             self._follow_lights(overrides, must_upload=is_new)
@@ -286,7 +282,7 @@ class Worlds:
         limit = self._device.properties.limits.maxStorageBufferRange
         worlds = min(MAX_INSTANCES // self.rows, limit // (self.rows * dtype.itemsize))
         if self.count > worlds:
-            shown = f"{len(scenes):,} scenes" if self.shows_scenes else self._binder.scene.describe()
+            shown = f"{len(scenes):,} scenes" if self.overrides is None else self._binder.scene.describe()
             raise SolariError(
                 f"Batch: {self.count:,} worlds of {shown}, with {self.rows:,} rows of "
                 f"instances each: this device holds at most {worlds:,}: share the worlds among several "
@@ -362,10 +358,10 @@ class Worlds:
     def _upload(self, name: str, records: NDArray[Any]) -> None:
         before = self._buffers.get(name)
         self._buffers[name] = uploaded(self._device, before, records, name)
-        self.version += self._buffers[name] is not before
+        if self._buffers[name] is not before:
+            self.version += 1
 
     def destroy(self) -> None:
-        """Free everything."""
         if self.overrides is not None:
             self.overrides.destroy()
         self._world_light_lists.destroy()

@@ -67,9 +67,9 @@ class Assets:
         """The instances that use a mesh, a material, a texture or an image."""
         return self.geometry.rows.users(asset) if isinstance(asset, Mesh) else self.materials.users_of(asset)
 
-    def set_previous_positions(self, user: Any) -> None:
-        """Have the previous positions be those that a user has seen last, where no scene changed."""
-        if self.geometry.posed.set_previous_positions(user):
+    def set_previous_positions(self, renderer: Any) -> None:
+        """Have the previous positions be those that a renderer has shown last, where no scene changed."""
+        if self.geometry.posed.set_previous_positions(renderer):
             upload_tables(self._device, [self.geometry.table])
             self.geometry.tensors.write_bounds()
 
@@ -86,6 +86,5 @@ class Assets:
         return replaced
 
     def destroy(self) -> None:
-        """Free everything."""
         for owner in (self.geometry, self.materials, self.textures, self.tensors):
             owner.destroy()

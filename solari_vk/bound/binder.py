@@ -1,8 +1,9 @@
 """Keeps the resources of descriptor set 0 equal to a scene, or to several scenes that share their assets.
 
 Scenes tell the binder which objects have changed. `update` turns changes into rows of tables, uploads and builds of
-acceleration structures, which the device executes just before the next submission. Uploads and builds are proportional
-to the change, not to the scene, but for lights: bound/lights/light_list.py says which changes concern all of them.
+acceleration structures, which the device executes just before the next submission. They are proportional to the change,
+not to the scene, with two exceptions: the TLAS is always built as a whole, and some changes concern all lights
+(bound/lights/light_list.py says which).
 
 A world is what one view of a batch sees. One scene has its records in tables on the device, which are its only world.
 Of several scenes the records stay on the host, from where batch/worlds.py copies them to the rows of each world.
@@ -40,12 +41,13 @@ class SceneBinder:
 
     scene: or the scene of each world of a batch, in which a scene may stand several times.
 
-    `version` increases when a resource was replaced or a scene got a new feature, `revision` with each change.
     """
 
     def __init__(self, device: Device, scene: Scene | Sequence[Scene]) -> None:
         self.version = 0
+        """Counts the changes after which frames must bind the resources again: other buffers, or a new feature."""
         self.revision = 0
+        """Counts the updates that applied edits of a scene."""
         self.has_many_scenes = not isinstance(scene, Scene)
         """Whether each world has a scene of its own: the binder was made of a list."""
         self._device = device
@@ -59,7 +61,8 @@ class SceneBinder:
                 self.tlas = SceneTlas(device, self._all_records[0].traced)
         each = {records.scene: records for records in self._all_records}
         self.listed_records = [each[one] for one in scenes]
-        """The records of each world's scene."""
+        """The records of each scene of the list, in its order; a scene that stands there twice has its records
+        twice."""
         self._tables = self._device_tables()
         self._previous_users: set[object] = set()  # renderers that need `previous_tlas`
         self._up_to_date = weakref.WeakSet[Any]()  # who has used the scene since its latest change
@@ -160,7 +163,8 @@ class SceneBinder:
     # ---- what others say ----------------------------------------------------------------------------
 
     def mark_changed(self, changed: Observable) -> None:
-        """Tell the scenes that use an asset that it was edited; or have shaders with the lens of a camera."""
+        """Tell the scenes that use an asset that it was edited. A camera with a lens has the next `update` add the
+        feature of lenses to the shaders."""
         # An asset of one scene may also be used by worlds of a batch alone, so that no instance of the scene has it.
         if not self.has_many_scenes or isinstance(changed, Camera):
             self.records.mark_changed(changed)
@@ -171,11 +175,11 @@ class SceneBinder:
                 records.mark_changed(changed)
 
     def accept_tensor(self, values: Any) -> DeviceTensor | None:
-        """As of `Assets`."""
+        """What `Assets.accept_tensor` returns."""
         return self.assets.accept_tensor(values)
 
     def accept_tensors(self, item: TensorFields, fields: Mapping[str, Any]) -> dict[str, DeviceTensor] | None:
-        """As of `Assets`; None for what emits light, which the host must know."""
+        """What `Assets.accept_tensors` returns; None for what emits light, which the host must know."""
         if any(records.emissions.depend_on(item) for records in self._all_records):
             return None
         return self.assets.accept_tensors(item, fields)
@@ -205,34 +209,34 @@ class SceneBinder:
 
     # ---- from changes to the device -----------------------------------------------------------------
 
-    def update(self, user: Any = None) -> None:
+    def update(self, renderer: Any = None) -> None:
         """Apply all changes since the latest call. Raises SolariError for a scene that is too large, and for
         numbers of its assets' tensors that the device has refused.
 
-        user: who is about to render a frame, if anybody is. The previous positions of poses are those of this user's
-        latest frame. `previous_tlas` is from before the latest change until a user that has used the changed scene is
-        about to do so again.
+        renderer: the one that is about to render a frame, if any. The previous positions of posed meshes are those of
+        its latest frame. `previous_tlas` is from before the latest change until a renderer that has rendered the
+        changed scene is about to do so again.
         """
         self._device.check_open()
         self.tensors.check()
         if self.tlas is not None:
             self.version += self.tlas.keep_previous(bool(self._previous_users))
-        key = self if user is None else user
+        key = self if renderer is None else renderer
         if not self._is_current or any(records.changed for records in self._all_records):
-            self._apply_changes(user)
+            self._apply_changes(renderer)
         else:
-            self.assets.set_previous_positions(user)
+            self.assets.set_previous_positions(renderer)
             if self.tlas is not None and key in self._up_to_date:
                 self.tlas.rebuild()
         self._up_to_date.add(key)
-        self.assets.geometry.posed.mark_seen(user, self.revision)
+        self.assets.geometry.posed.mark_seen(renderer, self.revision)
 
-    def _apply_changes(self, user: Any) -> None:
+    def _apply_changes(self, renderer: Any) -> None:
         self._is_current = False
         self._up_to_date = weakref.WeakSet()
         self.revision += 1
         try:
-            self._update_records(user)
+            self._update_records(renderer)
             self._count_features()
             self._upload()
         except BaseException:
@@ -242,14 +246,14 @@ class SceneBinder:
             records.confirm()
         self._is_current = True
 
-    def _update_records(self, user: Any) -> None:
+    def _update_records(self, renderer: Any) -> None:
         """Write the records of all that has changed."""
         assets = self.assets
         for records in self._all_records:
             records.apply_changes()
         # Materials name rows of textures, and instances those of meshes and materials, which must be up to date before.
         with_other_structures = assets.geometry.update(self.revision)
-        assets.geometry.posed.set_previous_positions(user)
+        assets.geometry.posed.set_previous_positions(renderer)
         self.version += assets.textures.update()
         assets.materials.update()
         for records in self._all_records:

@@ -25,11 +25,14 @@ MATERIAL_SOLID = 8  # transmits light into a solid
 MATERIAL_WALL = 16  # thin glass that rays may pass straight
 MATERIAL_UNLIT = 32  # only cameras see its emissive times its base color
 
-# Flags of a world's lights: features that other worlds of the same shaders have, and this one hasn't.
+# Flags of SceneInfo.absent_features: what no instance of a world's scene has had, though the shaders may have the code
+# for it, because another world's scene has it. Such a world takes no random numbers for it, so that its pictures are
+# those of its scene alone.
 WITHOUT_BLEND = 1
 WITHOUT_DISPERSION = 2
 
-# The masks of rays through a scene, and through its blended instances alone. The bit above is that of hidden instances.
+# The masks of rays through a scene, and through its blended instances alone, among which smooth thin-walled glass
+# counts: `Instance.alpha_mode` of it is "blend". The bit above is that of hidden instances.
 SCENE_MASK = 0x7F
 BLENDED_MASK = 0x40
 

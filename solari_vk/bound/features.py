@@ -32,7 +32,7 @@ class Feature:
     source: type[Any]
     is_in: Callable[[Any], bool]
     is_lobe: bool = False
-    """Whether it is a lobe that few materials have, or several."""
+    """Whether the feature adds a lobe, or several, to those that nearly all materials have."""
     transmits: bool = False
     """Whether light passes below surfaces by that lobe."""
 
@@ -85,7 +85,7 @@ class Features:
         self.constants |= {constant}
 
     def add_of(self, item: Any) -> None:
-        """Add those of an object that is new or has changed in a scene."""
+        """Add the features of an object that was added to a scene, or edited in it."""
         self.constants |= {row.constant for row in FEATURES if isinstance(item, row.source) and row.is_in(item)}
 
 

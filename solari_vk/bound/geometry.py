@@ -1,6 +1,6 @@
 """Meshes on the device: vertex and index buffers, and acceleration structures.
 
-A `DeviceMesh` is a mesh, or a mesh in the pose of an instance, whose vertices are made on the device: poses/.
+The vertices of a mesh in the pose of an instance are computed on the device: bound/scene_poses.py.
 """
 
 from __future__ import annotations
@@ -29,6 +29,7 @@ from solari_vk.gpu.tensors.port import TensorPort
 from solari_vk.scene.model import Instance, Mesh
 
 DeviceMesh = Mesh | PosedMesh
+"""What has a row of the table `meshes`: a mesh as it was given, or in the pose of an instance."""
 # The fields of a mesh that the device has; equal ones share memory.
 ARRAYS = ("positions", "triangles", "normals", "uvs", "tangents", "second_uvs", "colors")
 
@@ -253,9 +254,8 @@ class Geometry:
         self.centers[mesh] = self.centers[equal]
         self.half_sizes[mesh] = self.half_sizes[equal]
         records = self.table.records
+        # Edited meshes are equal to none, so that this record names no earlier positions.
         records[self.rows[mesh]] = records[self.rows[equal]]
-        # The other mesh may have moved, this one is new.
-        records["previous_positions"][self.rows[mesh]] = records["positions"][self.rows[mesh]]
 
     def _upload_new(self, mesh: Mesh, content: Hashable, uploads: Uploads, revision: int) -> None:
         """Upload a mesh as one buffer: positions, triangles in spatial order, and other attributes if there are any."""
@@ -320,7 +320,6 @@ class Geometry:
             before.destroy()
 
     def destroy(self) -> None:
-        """Free everything."""
         self.posed.destroy()
         self.tensors.destroy()
         self.structures.destroy()

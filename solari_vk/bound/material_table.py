@@ -76,7 +76,8 @@ class MaterialTable:
                 of_materials.pop(material, None)
             self.emitting.discard(material)
             for slot, texture in self._textures_of.pop(material).items():
-                self._textures.release(texture, TEXTURES[slot], material)
+                is_srgb = TEXTURES[slot]
+                self._textures.release(texture, is_srgb, material)
 
     def accept_tensors(self, material: Material, fields: Mapping[str, Any]) -> dict[str, DeviceTensor] | None:
         """Tensors of numbers of a material; None for what the host must read: of new materials, and what shaders may
@@ -123,9 +124,11 @@ class MaterialTable:
         after = {slot: texture for slot, texture in slots.items() if texture is not None}
         # Acquired before the others are released, so that a texture that stays isn't uploaded again.
         for slot, texture in after.items():
-            self._textures.acquire(texture, TEXTURES[slot], material)
+            is_srgb = TEXTURES[slot]
+            self._textures.acquire(texture, is_srgb, material)
         for slot, texture in before.items():
-            self._textures.release(texture, TEXTURES[slot], material)
+            is_srgb = TEXTURES[slot]
+            self._textures.release(texture, is_srgb, material)
         self._textures_of[material] = after
         self._to_write[material] = None
 
@@ -185,7 +188,6 @@ class MaterialTable:
         self._other_tensors.clear()
 
     def destroy(self) -> None:
-        """Free everything."""
         self._tensors.destroy()
         self.table.destroy()
         for material in self.rows:

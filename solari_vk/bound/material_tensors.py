@@ -58,12 +58,11 @@ class MaterialTensors:
         return {name: tensor for name, tensor in material._tensors.items() if self._port.owns(tensor)}
 
     def write(self, materials: Mapping[Material, Mapping[str, DeviceTensor]]) -> None:
-        """Have numbers in the records just before the next submission. Wrong ones leave what is there."""
-        numbers = [
-            self._number(material, name, tensor)
-            for material, tensors in materials.items()
-            for name, tensor in tensors.items()
-        ]
+        """Write the numbers of tensors to the records just before the next submission. A number out of its limits is
+        not written: the record keeps the earlier one, and a later call raises SolariError."""
+        numbers = []
+        for material, tensors in materials.items():
+            numbers += [self._number(material, name, tensor) for name, tensor in tensors.items()]
         if not numbers:
             return
         self._list.reserve(len(numbers))

@@ -14,7 +14,8 @@ from solari_vk.gpu.device.device import Device
 from solari_vk.scene.model import Mesh
 
 Build = tuple[Hashable, bool]
-"""The content of a mesh, and whether a ray asks the shader about each of its triangles only once."""
+"""What a structure is built from: the content of a mesh, and whether it is built with no_duplicate_any_hit, so that
+any-hit shaders run once for each triangle that a ray meets."""
 
 
 class MeshStructures:
@@ -65,6 +66,5 @@ class MeshStructures:
             self.all_alive = False
 
     def destroy(self) -> None:
-        """Free everything."""
         for blas in self._built.values():
             blas.destroy()

@@ -165,7 +165,6 @@ class PoseCommands:
         return self._scratch[1]
 
     def destroy(self) -> None:
-        """Free everything."""
         scratch = None if self._scratch is None else self._scratch[0]
         for owned in (*self.tables, self._kernel, self.stopwatch, scratch):
             if owned is not None:

@@ -175,7 +175,8 @@ class CameraUniforms:
         has_history: bool = False,
         lens_offset: tuple[float, float] = (0.0, 0.0),
     ) -> Projection:
-        """Set `camera`, and with history `previous_camera` to what was written last, else to the same.
+        """Write the camera to the block `camera`. The block `previous_camera` gets the camera of the call before if
+        there is a history, and else the same camera.
 
         size: of the picture in pixels. render_size: of what is rendered, by default the same. offset: added to the
         camera's jitter, in pixels of what is rendered. lens_offset: the point of the lens through which all is seen, in

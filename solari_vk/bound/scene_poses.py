@@ -54,7 +54,7 @@ class ScenePoses:
         self._moving: dict[PosedMesh | EditedMesh, None] = {}
         # In the order of their latest changes, the newest last: frames look at the end of it alone.
         self._by_change: dict[PosedMesh | EditedMesh, None] = {}
-        # The revision of each user's latest frame, to which the user's motion vectors point.
+        # The revision of each renderer's latest frame, to which its motion vectors point.
         self._seen: weakref.WeakKeyDictionary[Any, int] = weakref.WeakKeyDictionary()
 
     def add(self, posed: PosedMesh, row: int, traced: bool) -> None:
@@ -111,7 +111,7 @@ class ScenePoses:
                     raise
                 posed.revisions = [-1, -1]
             elif posed not in self._to_compute:
-                # The newest pose becomes the previous one. The pose before is lost, unless a user needs it.
+                # The newest pose becomes the previous one. The pose before is lost, unless a renderer needs it.
                 self._copy_seen(posed)
                 posed.side = 1 - posed.side
             posed.revisions[posed.side] = revision
@@ -132,7 +132,7 @@ class ScenePoses:
 
     @property
     def is_seen(self) -> bool:
-        """Whether a user of the scene has seen it, who needs previous positions."""
+        """Whether a renderer has shown the scene, for whose motion vectors previous positions are needed."""
         return bool(self._seen)
 
     def edit(self, mesh: Mesh, row: int, before: Buffer, address: int, revision: int) -> None:
@@ -153,15 +153,16 @@ class ScenePoses:
             posed_meshes.pop(edited, None)
         edited.destroy()
 
-    def set_previous_positions(self, user: Any) -> bool:
-        """Have the previous positions be those that a user of the scene has seen last; returns whether records changed.
+    def set_previous_positions(self, renderer: Any) -> bool:
+        """Have the previous positions be those that a renderer has shown last; returns whether records
+        changed.
 
-        All that a new user has seen is the current pose. Without a user nothing is done.
+        A renderer that is new has shown nothing but the current pose. Without a renderer nothing is done.
         """
-        if user is None:
+        if renderer is None:
             return False
-        moved = self._moved_since(self._seen.get(user, math.inf))
-        # What moved for the user before, and doesn't any more, has its current positions as previous ones again.
+        moved = self._moved_since(self._seen.get(renderer, math.inf))
+        # What moved for the renderer before, and doesn't any more, has its current positions as previous ones again.
         targets = {posed: posed.address for posed in self._moving} | moved
         self._moving = dict.fromkeys(moved)
         changed = False
@@ -187,14 +188,14 @@ class ScenePoses:
                 moved[posed] = address
         return moved
 
-    def mark_seen(self, user: Any, revision: int) -> None:
-        """Say that a user of the scene, if there is one, renders it as it is at a revision."""
-        if user is not None:
-            self._seen[user] = revision
+    def mark_seen(self, renderer: Any, revision: int) -> None:
+        """Say that a renderer of the scene, if there is one, renders it as it is at a revision."""
+        if renderer is not None:
+            self._seen[renderer] = revision
 
     def _copy_seen(self, posed: PosedMesh) -> None:
-        """Have copies of exactly those earlier poses that are the latest ones that a user has seen, just before the
-        older of the two poses is overwritten."""
+        """Have copies of exactly those earlier poses that are the latest ones that a renderer has shown, just before
+        the older of the two poses is overwritten."""
         newest = posed.revisions[posed.side]
         lost = posed.revisions[1 - posed.side]
         if not posed.copies and min(self._seen.values(), default=newest) >= newest:
@@ -294,7 +295,6 @@ class ScenePoses:
             self._to_compute.clear()
 
     def destroy(self) -> None:
-        """Free everything."""
         for posed in self._rows:
             posed.destroy()
         for source in self._sources.values():

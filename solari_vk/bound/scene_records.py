@@ -32,10 +32,6 @@ INSTANCE = ("world_from_object", "mesh", "ray_mesh", "material", "light_index", 
 class SceneRecords:
     """The instances and lights of a scene as records. assets: what it may share with other scenes. table: makes the
     tables of the records. lights: the scene's list of lights.
-
-    `revision` increases with each change of the scene; `record_revision` with those on which records of instances or
-    lights may depend: of textures those of alpha and emission alone; `light_revision` with those on which lists of
-    lights may depend, but for materials' emission; `blended_changes` with those of blended instances.
     """
 
     def __init__(self, device: Device, scene: Scene, assets: Assets, table: MakeTable, lights: LightList) -> None:
@@ -46,11 +42,16 @@ class SceneRecords:
         self.instance_rows: Slots[Instance] = Slots()  # of instance_table
         self.emissions = Emissions(device, assets.block_dtypes["light_leaves"]["by_power"])
         self.absent_features = WITHOUT_BLEND | WITHOUT_DISPERSION
-        """The features that no instance of the scene has had so far."""
+        """Flags of the features that no instance of the scene has had so far, such as WITHOUT_BLEND."""
         self.revision = 0
+        """Counts the updates that changed something in the scene."""
         self.record_revision = 0
+        """Counts those that may have changed records of instances or lights. A texture's count if it has alpha or
+        emits."""
         self.light_revision = 0
+        """Counts the changes that may concern the list of lights. What a material emits isn't among them."""
         self.blended_changes = 0
+        """Counts the changes of blended instances."""
         self._assets = assets
         self._geometry = assets.geometry
         # The meshes that raster and rays see of each instance, and its material.
@@ -104,8 +105,10 @@ class SceneRecords:
         if self.revision and not (self._applied or self._to_write):
             return
         self.revision += 1
-        # Edits of colors change no record of an instance: worlds then need not copy the records again.
-        self.record_revision += self._records_change or bool(self._to_write)
+        # Texels, and numbers of materials in tensors, stand in no record of an instance: worlds need no new copies
+        # then.
+        if self._records_change or self._to_write:
+            self.record_revision += 1
         self._records_change = False
         self._update_instances()
         self.lights.update(self.traced.lit_area)
@@ -140,7 +143,8 @@ class SceneRecords:
         before = self._uses.get(instance)
         self._records_change = True
         self._follow_instance(instance)
-        self.light_revision += self.lights.index(instance) is not None or self._uses.get(instance) != before
+        if self.lights.index(instance) is not None or self._uses.get(instance) != before:
+            self.light_revision += 1
 
     def _apply_light(self, light: Light) -> None:
         self.light_revision += 1
@@ -166,11 +170,11 @@ class SceneRecords:
         self._write_later(self._assets.materials.mark_changed(material))
 
     def _apply_mesh(self, mesh: Mesh) -> None:
-        self.light_revision += self._may_change_lights(mesh, "positions")
+        if self._may_change_lights(mesh, "positions"):
+            self.light_revision += 1
         self._records_change = True
-        users = [
-            user for user in self._geometry.mark_changed(mesh) if user in self._uses
-        ]  # the others are in other scenes
+        # The mesh may have users in other scenes too.
+        users = [user for user in self._geometry.mark_changed(mesh) if user in self._uses]
         for instance in users:
             self._follow_instance(instance)  # its pose may have no effect any more
         self.emissions.drop_edited(mesh)
@@ -183,7 +187,8 @@ class SceneRecords:
         self._apply_texels(texture)
 
     def _apply_image(self, image: TextureImage) -> None:
-        self.light_revision += self._may_change_lights(image, "pixels")
+        if self._may_change_lights(image, "pixels"):
+            self.light_revision += 1
         self._apply_texels(image)
 
     def _apply_texels(self, item: Texture | TextureImage) -> None:
@@ -213,7 +218,8 @@ class SceneRecords:
 
     def _follow_instance(self, instance: Instance) -> None:
         """Add, update or remove the rows of an instance, and what it uses of the assets."""
-        self.blended_changes += instance.alpha_mode == "blend"
+        if instance.alpha_mode == "blend":
+            self.blended_changes += 1
         before = self._uses.get(instance)
         if instance in self.scene.instances or instance in self.lights.blockers:
             self._add_or_update(instance, before)

@@ -196,7 +196,6 @@ class TextureTable:
             image.destroy()
 
     def destroy(self) -> None:
-        """Free everything."""
         for image in {*self._images.values(), self._white}:
             image.destroy()
         self._tensors.destroy()

@@ -23,7 +23,7 @@ NO_OPAQUE = raw.VK_GEOMETRY_INSTANCE_FORCE_NO_OPAQUE_BIT_KHR << 24
 NO_CULLING = raw.VK_GEOMETRY_INSTANCE_TRIANGLE_FACING_CULL_DISABLE_BIT_KHR << 24
 # The fields that `write` sets, in order.
 RECORD = ("transform", "custom_index_and_mask", "sbt_offset_and_flags", "blas_address")
-# So few moved instances need no new order.
+# So few written records need no new order.
 FEW = 64
 # The center and half the size (3,) of a mesh's bounds, in object space.
 Box = tuple[NDArray[np.float32], NDArray[np.float32]]
@@ -44,8 +44,8 @@ def flags_of(double_sided: bool, alpha_mode: str) -> int:
 class TracedRecords:
     """The records of a TLAS in spatial order; an instance's custom index is its row in the table of instances.
 
-    The order is computed again when instances were added or removed, and when more than half of them (and more than
-    FEW) have moved.
+    The order is computed again when instances were added or removed, and when records were written more often since the
+    last sorting than half their number, and more than FEW times. An instance that moves twice counts twice.
     """
 
     def __init__(self, table: MakeTable) -> None:
@@ -212,7 +212,6 @@ class SceneTlas:
         self._build.submit()
 
     def destroy(self) -> None:
-        """Free everything."""
         for made in (self._build, self._copy, self.previous, self.current):
             if made is not None:
                 made.destroy()

@@ -232,12 +232,18 @@ _GROUPS = (
     *_SOLARI019,
 )
 
-DEBUG_VIEWS = {PICTURE: "The picture itself: radiance, exposed and tone mapped."} | {
-    name: (f"{group.title}: {meaning}" if group.title else meaning)
-    + (f" Needs lighting={group.lighting}." if group.lighting else "")
-    for group in _GROUPS
-    for name, (meaning, _) in group.views.items()
-}
+
+def _meanings() -> dict[str, str]:
+    meanings = {PICTURE: "The picture itself: radiance, exposed and tone mapped."}
+    for group in _GROUPS:
+        title = f"{group.title}: " if group.title else ""
+        need = f" Needs lighting={group.lighting}." if group.lighting else ""
+        for name, (meaning, _) in group.views.items():
+            meanings[name] = f"{title}{meaning}{need}"
+    return meanings
+
+
+DEBUG_VIEWS = _meanings()
 """The meaning of each view by its name. The uniform `debug_view` is an index into it."""
 _LIGHTINGS = {name: group.lighting for group in _GROUPS for name in group.views}
 

@@ -52,7 +52,8 @@ def over_views(stages: Sequence[Stage]) -> list[Stage]:
             return item  # it doesn't go by pixels of a view
         return dataclasses.replace(item, header=f"{MANY_VIEWS}\n{item.header}".rstrip())
 
-    return [
-        dataclasses.replace(stage, passes=[of_views(one) for one in stage.passes if "debug_view" not in one.name])
-        for stage in stages
-    ]
+    replaced = []
+    for stage in stages:
+        passes = [of_views(one) for one in stage.passes if "debug_view" not in one.name]
+        replaced.append(dataclasses.replace(stage, passes=passes))
+    return replaced

@@ -11,7 +11,7 @@ from solari_vk.settings.layering import brdf_constants
 RESERVOIRS = ("paths_temporal_reservoirs", "paths_reservoirs")
 SCRATCH = {"sample_radiance": "paths_states", "error": "paths_ray_queues"}
 """Results of later stages that alias buffers of this one, since all paths are traced by then."""
-MIN_TIMED_SAMPLES = 2  # the least maximum of paths of a pixel with frame_ms
+MIN_TIMED_SAMPLES = 2  # with frame_ms a pixel may take this many paths, whatever the settings say
 SHORT_HISTORY = 8.0  # frames of history from which one path is enough
 WAVES = 3  # dispatches over the paths that go on after their first rays; the last one traces them to their ends
 

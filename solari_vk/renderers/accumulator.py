@@ -13,11 +13,12 @@ from solari_vk.renderers.renderer import LIGHT, Renderer
 
 
 class FrameAccumulator:
-    """Radiance and its parts as means of frames, taken in float64; other results are the latest frame's.
+    """Radiance and its parts as means of frames, summed in float64 and returned in float32; other results are the
+    latest frame's.
 
-    names: results beside the radiance. estimate: that of a picture of many frames, by what the paths gave in them; it
-    looks at the size that is rendered. exposes: frames have a shutter, so that their `radiance` is a mean already, of
-    which the latest counts.
+    names: results beside the radiance. estimate: gets the means of what the paths gave, to estimate the mean's error at
+    the size that is rendered. exposes: frames have a shutter, so that the `radiance` of the latest one is the mean of
+    all frames already.
     """
 
     def __init__(

@@ -18,7 +18,8 @@ from solari_vk.passes import gbuffer, reference
 AVERAGED = 16  # rays of a pixel in a mean
 COVERAGE_BITS = 6
 COVERAGE_RAYS = 1 << COVERAGE_BITS
-"""Rays of a pixel's alpha, by Hammersley's points: with 16 much of a bright background stays in edges."""
+"""The rays by which the alpha of a pixel is found, at Hammersley's points. With only 16 of them, a bright background
+would show in the edges of what is cut out."""
 
 
 class FirstHitReader:

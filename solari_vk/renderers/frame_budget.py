@@ -19,7 +19,7 @@ from solari_vk.passes.paths import MIN_TIMED_SAMPLES, SHORT_HISTORY, most_timed_
 from solari_vk.settings import Settings
 
 MIN_SHARE = 1 / 16  # below it the other passes take most of a frame, and histories would hardly grow
-MAX_SHARE = float(MIN_TIMED_SAMPLES)
+MAX_SHARE = float(MIN_TIMED_SAMPLES)  # frames always have the passes for as many paths in each pixel
 FRAMES = 64  # whose percentile is taken
 FEW_FRAMES = 8  # with fewer of them there is no percentile yet
 WEIGHT = 0.2  # of the newest frame in an estimate
@@ -28,15 +28,16 @@ PATHS = "paths/"  # what the names of their passes begin with
 
 
 class FrameBudget:
-    """The share of paths for the next frame, over as many as without frame_ms. Times are in milliseconds."""
+    """Chooses the `share` for the next frame: the number of its paths over that of a frame without frame_ms. Times are
+    in milliseconds."""
 
     def __init__(self) -> None:
         self.share = 1.0
         """Of the latest frame."""
         self.limit = ""
-        """What keeps frames from taking the time that is asked for: "fewest paths", so that they take longer, "most
-        paths", so that they are done sooner, or "denoise=off", so that each pixel takes a path; empty if nothing
-        does."""
+        """Why frames don't take the time that is asked for. "fewest paths": they take longer, with as few paths as are
+        allowed. "most paths": they are done sooner, with as many as are allowed. "denoise=off": each pixel takes a
+        path, whatever the time. Empty: they do take that time."""
         self._estimate: tuple[float, float] | None = None  # of the other passes; of all paths at a share of 1
         self._ratios: deque[float] = deque(maxlen=FRAMES)  # of measured times to estimated ones
         self._submitted: dict[int, tuple[float, float]] = {}  # by timeline value: paths, and the estimated time

@@ -28,8 +28,8 @@ LARGEST_BAND = 1 << 26  # pixels, for all the buffers of which there is memory o
 def band_rows(device: Device, size: tuple[int, int], most: int | None = None) -> int:
     """The rows of each band of a picture but the last; all of them where the device holds the picture.
 
-    most: pixels of a band, at most what the device holds and LARGEST_BAND. Raises SolariError for a size that is none,
-    and where not even a row fits.
+    most: the most pixels of a band, if that is less than what the device holds and LARGEST_BAND. Raises SolariError for
+    a size that isn't two whole numbers above 0, and where not even a row fits.
     """
     try:
         width, height = (operator.index(n) for n in size)

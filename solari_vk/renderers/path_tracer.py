@@ -49,7 +49,8 @@ class PathTracer(RendererBase):
 
     OUTPUTS = ("radiance", "raw_radiance", *FIRST_HITS, "variance")
     unfinished_bands = 0, 0
-    """The samples per pixel that `advance` is tracing in bands of rows, and the row that comes next; 0, 0 if none."""
+    """While `advance` traces some samples in bands of rows: their number per pixel, and the row that comes next. 0, 0
+    when all rows have the same samples."""
     LARGEST_PIXEL_BYTES = reference.LARGEST_PIXEL_BYTES
     IN_IMAGES = False
 
@@ -212,7 +213,8 @@ class PathTracer(RendererBase):
             raise SolariError("PathTracer.render: pictures with a shutter have no target_error: leave it out")
 
     def advance(self, camera: Camera | None = None, max_samples: int = MAX_SAMPLES, bands: int | None = None) -> None:
-        """Submit a short dispatch with the next samples, of all pixels or `bands` of rows below those of the latest."""
+        """Submit a short dispatch with the next samples of all pixels. With `bands`, only of so many bands of rows,
+        below those of the call before."""
         camera = self._camera_or_default(camera)
         self._prepare(camera)
         self._sample_counts.demand_more()
@@ -236,8 +238,10 @@ class PathTracer(RendererBase):
             reference.write_uniforms(self._frame.uniforms, self.settings)
 
     def _add_samples(self, count: int, bands: int | None = None) -> int:
-        """Trace `count` samples of all pixels, or what is left of the latest, in bands; returns the timeline value."""
-        first, height = self._sample_counts.first, self.size[1]
+        """Trace `count` samples of all pixels, or of so many bands of rows; where earlier samples lack rows, trace
+        these first. Returns the device's timeline value."""
+        first = self._sample_counts.first
+        height = self.size[1]
         top = 0
         if self.unfinished_bands[0]:
             count, top = self.unfinished_bands
@@ -254,7 +258,8 @@ class PathTracer(RendererBase):
     def _trace_rows(self, top: int, below: int, first: int, end: int) -> int:
         """Trace the samples from `first` up to `end` of the rows from `top` up to `below`, which have those before;
         returns the device's timeline value. Samples count when the last row has them."""
-        uniforms, submission = self._frame.uniforms, 0
+        uniforms = self._frame.uniforms
+        submission = 0
         for sample in range(first, end, self._dispatch.samples):
             count = min(end - sample, self._dispatch.samples)
             uniforms["path_sampling.sample_index"] = sample

@@ -190,7 +190,8 @@ class Renderer(RendererBase):
 
     def _stages(self, picture: tuple[int, int]) -> list[Stage]:
         """The stages of a frame, in order. picture: width and height of the picture in pixels."""
-        settings, grid = self.settings, self._grid
+        settings = self.settings
+        grid = self._grid
         check_frame_ms(settings, self.device)
         instances = self._world_count * self.binder.instance_capacity
         size = tiled(taa.render_size(picture, settings), grid)
@@ -242,7 +243,7 @@ class Renderer(RendererBase):
             self._frame.bind(self._light_translation.buffers)
 
     def _build_key(self) -> tuple[Any, ...]:
-        """Everything that `_stages` depends on."""
+        """What `_stages` depends on and may change from frame to frame."""
         has_lobes = bool(LOBES & self.binder.features)
         return self.size, self.binder.instance_capacity, self.settings.built_in, has_lobes, self.gbuffer
 
@@ -255,11 +256,11 @@ class Renderer(RendererBase):
     def _rebuild(self) -> None:
         """Rebuild the frame. Previous transforms of instances are kept when the table of instances has grown."""
         built_capacity = self._built[1]
-        instances = None
+        saved_rows = None
         if self.frame_count > 0 and self.binder.instance_capacity > built_capacity:
-            instances = self._frame.resource(gbuffer.PREVIOUS_INSTANCES).read()
+            saved_rows = self._frame.resource(gbuffer.PREVIOUS_INSTANCES).read()
         # Read before the rebuild, which makes these buffers anew.
-        cells = self._frame.memory.get("world_cache_life")
+        cache_bytes = self._frame.memory.get("world_cache_life")
         rendered = self._built_render_size
         self._frame.rebuild(self._stages(self.size))
         self._remember_build()
@@ -268,10 +269,10 @@ class Renderer(RendererBase):
         # The new lighting may lack the view, and an error in the middle of a frame would help nobody.
         if self.view not in views_of(self.settings.lighting):
             self.view = PICTURE
-        if self._frame.memory.get("world_cache_life") != cells:
+        if self._frame.memory.get("world_cache_life") != cache_bytes:
             self.reset()  # the previous frame's reservoirs name cells of the old map
-        if instances is not None:
-            upload_rows(self._frame.resource(gbuffer.PREVIOUS_INSTANCES), instances, self._world_count)
+        if saved_rows is not None:
+            upload_rows(self._frame.resource(gbuffer.PREVIOUS_INSTANCES), saved_rows, self._world_count)
 
     def _write_settings(self) -> None:
         shown = {"display_settings.debug_view": self._debug_view, "display_settings.tonemap": self._tonemap}

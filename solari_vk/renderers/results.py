@@ -72,7 +72,7 @@ class RenderedFrame(Hints):
         self._projection = projection
         self._submission = submission
         self.camera = camera
-        """The camera object that the frame was rendered with. It may have been changed since then."""
+        """The camera that the frame shows, with a shutter that of the exposure's middle. It may be edited later."""
         self.exposed = exposed
         """Whether the frame was exposed with a shutter."""
         self.size = renderer.size
@@ -194,7 +194,8 @@ class RenderedFrame(Hints):
 
         merge: one box around all parts of an object (`frame.objects`), by its first part.
         """
-        ids, instances = self["instance_id"], self.instances
+        ids = self["instance_id"]
+        instances = self.instances
         if merge:
             ids = merged_ids(ids, self.objects)
         return {instances[number]: box for number, box in boxes(ids).items()}

@@ -100,7 +100,7 @@ class SceneFrame(Frame, Hints):
         return super().submit(before)
 
     def close(self) -> None:
-        """Free everything. Safe to call twice."""
+        """Safe to call twice."""
         super().close()
         self._owned.close()  # after the frame, whose commands use the scene's memory
 

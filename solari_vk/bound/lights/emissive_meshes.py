@@ -137,7 +137,6 @@ class Emissions:
         self._sums.clear()
 
     def destroy(self) -> None:
-        """Free everything."""
         for key in list(self._emissions):
             self._drop(key)
 

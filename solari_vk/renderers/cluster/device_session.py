@@ -87,7 +87,7 @@ class DeviceSession:
         self._clip = clip
 
     def path_tracer(self, size: tuple[int, int], max_bounces: int, seed: int, first_sample: int = 0) -> PathTracer:
-        """A path tracer without samples. The one of earlier jobs is resized if it fits otherwise."""
+        """A path tracer without samples: that of earlier jobs in this size, or a new one for another max_bounces."""
         # Assigning a seed or a first sample discards the samples of earlier jobs.
         tracer = self._renderer(PathTracer, max_bounces, size=size, max_bounces=max_bounces)
         tracer.seed = seed

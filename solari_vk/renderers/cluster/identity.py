@@ -29,7 +29,7 @@ class Identity:
 
     version: str
     code: str
-    """The start of a hash of all files of the package."""
+    """The start of a hash of the package's Python and shader files."""
     device: str
     driver: str
     rays: str
@@ -57,7 +57,7 @@ def version() -> str:
 
 @functools.cache
 def code_hash() -> str:
-    """The first 16 digits of a SHA-256 over the names and contents of the package's Python and GLSL files."""
+    """The first 16 digits of a SHA-256 over the names and contents of the package's Python files and shaders."""
     # Names too: the same contents under another name are other code. Sorted, or file systems would decide.
     digest = hashlib.sha256()
     package = Path(__file__).resolve().parents[2]

@@ -25,7 +25,6 @@ from solari_vk.renderers.cluster.worker_pool import WorkerPool
 from solari_vk.renderers.sample_counts import FIRST_DENOISED_LOOK
 from solari_vk.scene.model import Camera, Scene
 
-GUIDES = ("albedo", "shading_normal")
 CHUNKS = 32  # of a picture with few samples, so that as many workers have something to do
 LARGEST_CHUNK = 64  # samples per pixel: a longer one would be lost as a whole with its worker
 CHUNK_OF_TARGET = 16  # samples per pixel where an error ends the picture, which may then have a chunk too many
