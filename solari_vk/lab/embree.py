@@ -32,7 +32,8 @@ def intersect_planes(
     corners: NDArray[Any], index: NDArray[Any], origins: NDArray[Any], directions: NDArray[Any]
 ) -> tuple[Any, Any]:
     """t at the planes of triangles (N,) in float64, and the distance to the nearest edge; inf for index -1."""
-    t, edge = np.full(len(index), np.inf), np.full(len(index), np.inf)
+    t = np.full(len(index), np.inf)
+    edge = np.full(len(index), np.inf)
     hit = np.flatnonzero(index >= 0)
     hits = corners[index[hit]], origins[hit], directions[hit]
     corners, origins, directions = (values.astype(np.float64) for values in hits)

@@ -108,11 +108,10 @@ def _line(row: Sequence[str]) -> str:
 def text_table(head: Sequence[str], rows: Sequence[Sequence[str]], numbers: Sequence[int] = ()) -> list[str]:
     """The lines of a table for a terminal, columns aligned."""
     widths = [max(map(len, column)) for column in zip(head, *rows, strict=True)]
-    aligned = [
-        [
-            cell.rjust(width) if column in numbers else cell.ljust(width)
-            for column, (cell, width) in enumerate(zip(row, widths, strict=True))
-        ]
-        for row in (head, *rows)
-    ]
-    return ["  " + "  ".join(row).rstrip() for row in aligned]
+    lines = []
+    for row in (head, *rows):
+        line = ""
+        for column, (cell, width) in enumerate(zip(row, widths, strict=True)):
+            line += "  " + (cell.rjust(width) if column in numbers else cell.ljust(width))
+        lines.append(line.rstrip())
+    return lines

@@ -102,8 +102,11 @@ def instance_records(placed: Sequence[Placement], addresses: Mapping[str, int]) 
     records = np.zeros(len(placed), INSTANCE_DTYPE)
     if placed:
         records["transform"] = [item.transform for item in placed]
+        # Each of the next two words holds a field of 24 bits and one of 8, as VkAccelerationStructureInstanceKHR has
+        # them.
         records["custom_index_and_mask"] = [item.custom | item.mask << 24 for item in placed]
         records["sbt_offset_and_flags"] = [item.sbt_offset | item.flags << 24 for item in placed]
+        # Vulkan calls an instance without a structure inactive: no ray hits it.
         records["blas_address"] = [addresses[item.shape] if item.active else 0 for item in placed]
     return records
 
@@ -139,19 +142,17 @@ class Structures:
         update = build_mode == REFITTED
         update_mode = UpdateMode.PREFER_UPDATE if update else UpdateMode.BUILD
         compact = build_mode == COMPACTED
-        self.blases: dict[str, Blas] = {
-            name: self._own(
-                Blas(
-                    device,
-                    [self._geometry(part) for part in parts],
-                    prefer_fast_trace=fast_trace,
-                    update_mode=update_mode,
-                    allow_compaction=compact,
-                    name=name,
-                )
+        self.blases: dict[str, Blas] = {}
+        for name, parts in shapes.items():
+            blas = Blas(
+                device,
+                [self._geometry(part) for part in parts],
+                prefer_fast_trace=fast_trace,
+                update_mode=update_mode,
+                allow_compaction=compact,
+                name=name,
             )
-            for name, parts in shapes.items()
-        }
+            self.blases[name] = self._own(blas)
         self.tlas = self._own(Tlas(device, len(placed), update_mode=update_mode, prefer_fast_trace=fast_trace))
         self._instances = self._own(device.buffer(max(len(placed), 1) * INSTANCE_DTYPE.itemsize, "instances"))
         # Built elsewhere first, so that a build that changes nothing is found out.
@@ -337,6 +338,7 @@ def bumpy_ball(segments: int, bumps: float, seed: int = 0) -> NDArray[np.float32
     points = points.astype(np.float32)
     a, b = points[:-1], points[1:]
     c, d = np.roll(b, -1, axis=1), np.roll(a, -1, axis=1)
+    # Two triangles for each quad between two rings.
     corners = np.concatenate([np.stack([a, c, b], 2).reshape(-1, 3, 3), np.stack([a, d, c], 2).reshape(-1, 3, 3)])
     # Quads at the poles have one triangle without area.
     area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)

@@ -85,7 +85,8 @@ class LivePicture(AnyWidget):  # type: ignore[misc]
         try:
             answer, content = self._next_frame(request)
         except (Exception, KeyboardInterrupt) as error:
-            answer, content = {"error": error_text(error)}, []
+            answer = {"error": error_text(error)}
+            content = []
         self.send({"page": request.get("page"), **answer}, content)
 
     def _next_frame(self, movement: dict[str, Any]) -> tuple[dict[str, Any], list[bytes]]:

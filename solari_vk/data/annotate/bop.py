@@ -183,7 +183,8 @@ class BopWriter:
             write_whole(self._scene / f"scene_{name}.json", _json(table))
         if self._size is not None:
             write_whole(self._root / "camera.json", json.dumps(self._first_camera(self._size)))
-        infos, names = dict[str, Any](), dict[str, Any]()
+        infos = dict[str, Any]()
+        names = dict[str, Any]()
         for model in self._models:
             points, infos[str(model.number)] = _placed(model)
             names[str(model.number)] = {"name": model.name, "label": model.label}
@@ -234,12 +235,11 @@ def _placed(model: _Model) -> tuple[NDArray[np.float64], dict[str, float]]:
     low, high = points.min(axis=0), points.max(axis=0)
     points = points - (low + high) / 2
     half = (high - low) / 2
-    sides = {
-        f"{what}_{axis}": float(value)
-        for what, values in (("min", -half), ("size", 2 * half))
-        for axis, value in zip("xyz", values, strict=True)
-    }
-    return points, {"diameter": diameter(points), **sides}
+    row = {"diameter": diameter(points)}
+    for what, values in (("min", -half), ("size", 2 * half)):
+        for axis, value in zip("xyz", values, strict=True):
+            row[f"{what}_{axis}"] = float(value)
+    return points, row
 
 
 def diameter(points: NDArray[np.float64]) -> float:

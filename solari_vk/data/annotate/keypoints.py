@@ -56,7 +56,8 @@ def keypoints(
     a point that is neither.
     """
     check_view("keypoints", tracer, camera, size)
-    positions, names = list[NDArray[np.float64]](), list[tuple[Instance, str]]()
+    positions = list[NDArray[np.float64]]()
+    names = list[tuple[Instance, str]]()
     tracer.trace(np.zeros((0, 3)), np.zeros((0, 3)))  # without rays it only applies the scene's edits
     candidates = list(tracer.instances.values()) if instances is None else instances
     for instance, named in find_keypoints(candidates, points).items():

@@ -71,7 +71,8 @@ def trace_silhouettes(
     left, top = round(around * width), round(around * height)
     shape = height + 2 * top, width + 2 * left
     pixels = pixel_grid((shape[1], shape[0])) - (left, top)
-    places, ids = [np.zeros(0, np.int64)], np.full(len(pixels), -1)
+    places = [np.zeros(0, np.int64)]
+    ids = np.full(len(pixels), -1)
     for rays, hits in peel(tracer, *pixel_rays(camera, pixels, size)):
         # One number for an instance and a pixel, which np.unique then sorts: an instance with several surfaces along a
         # ray counts once.

@@ -99,7 +99,8 @@ class AnnotationWriter:
         file is read once."""
         bop = self._bop() if "bop" in kinds else None
         for number, view in enumerate(views):
-            ids, points = self._layer(view, "instance_id"), self._points(view)
+            ids = self._layer(view, "instance_id")
+            points = self._points(view)
             if "yolo" in kinds:
                 write_whole(self._folder / f"{Path(view.name).stem}.txt", self._annotations.yolo(ids))
             # Boxes and poses are those of the scene as the randomizer made it for this view.
@@ -119,11 +120,10 @@ class AnnotationWriter:
     def _silhouettes(self, view: View, ids: NDArray[Any]) -> dict[int, Silhouette]:
         """The silhouettes of the objects that a picture may show, by their first part's number."""
         objects = self._annotations.objects
-        shown = {
-            row: np.isin(ids, parts)
-            for row, parts in objects.items()
-            if any(self._instances[part].visible for part in parts)
-        }
+        shown = {}
+        for row, parts in objects.items():
+            if any(self._instances[part].visible for part in parts):
+                shown[row] = np.isin(ids, parts)
         return read_runs(merge_runs(self._layer(view, SILHOUETTES), objects), shown)
 
     def _layer(self, view: View, name: str) -> NDArray[Any]:
@@ -140,11 +140,8 @@ class AnnotationWriter:
         self, camera: Camera, silhouettes: Mapping[int, Silhouette], points: Mapping[int, NDArray[Any]]
     ) -> list[dict[str, Any]]:
         """The instances that are in a picture, or would be if nothing were before them."""
-        return [
-            self._object(number, silhouette, camera, points)
-            for number, silhouette in silhouettes.items()
-            if silhouette.pixel_count
-        ]
+        seen = {number: silhouette for number, silhouette in silhouettes.items() if silhouette.pixel_count}
+        return [self._object(number, silhouette, camera, points) for number, silhouette in seen.items()]
 
     def _object(
         self, number: int, silhouette: Silhouette, camera: Camera, points: Mapping[int, NDArray[Any]]

@@ -169,10 +169,10 @@ class RenderTask:
         finally:
             if self.folder is None:
                 shutil.rmtree(folder)
-        return {
-            name: File(hashlib.sha256(data).hexdigest(), None if self.folder else data)
-            for name, data in contents.items()
-        }
+        files = {}
+        for name, data in contents.items():
+            files[name] = File(hashlib.sha256(data).hexdigest(), None if self.folder else data)
+        return files
 
     def _trace_paths(self, session: DeviceSession, folder: Path) -> None:
         style = self.style
@@ -263,11 +263,9 @@ class RenderTask:
         points = json.loads(self.style.points)
         objects = self.style.objects(session.scene)
         found = keypoints(tracer, view.camera, self.style.size, points, instances=objects)
-        rows = [
-            (number, *point.pixel, point.state)
-            for number, instance in sorted(tracer.instances.items())
-            for point in found.get(instance, {}).values()
-        ]
+        rows = []
+        for number, instance in sorted(tracer.instances.items()):
+            rows += [(number, *point.pixel, point.state) for point in found.get(instance, {}).values()]
         return np.array(rows, np.float64).reshape(-1, 4)
 
     def _flows(
@@ -323,7 +321,8 @@ class Meter:
         scale = METERED_SIDE / max(self.size)
         size = (max(round(self.size[0] * scale), 1), max(round(self.size[1] * scale), 1))
         tracer = session.path_tracer(size, 16, 0)
-        values, style = [], Style(size, randomizer=self.randomizer)
+        values = []
+        style = Style(size, randomizer=self.randomizer)
         for number, camera in zip(self.numbers or range(len(self.cameras)), self.cameras, strict=True):
             with style.randomized(session.scene, number):
                 tracer.render(camera, METERED_SAMPLES)

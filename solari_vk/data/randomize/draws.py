@@ -74,9 +74,8 @@ def is_numbers(value: Any) -> bool:
     """Whether it is a finite number, or a list of them."""
     values = value if isinstance(value, list) else [value]
     # In Python a bool is an int, in YAML true is no number.
-    return bool(values) and all(
-        isinstance(one, int | float) and not isinstance(one, bool) and math.isfinite(one) for one in values
-    )
+    numbers = [one for one in values if isinstance(one, int | float) and not isinstance(one, bool)]
+    return bool(values) and len(numbers) == len(values) and all(map(math.isfinite, numbers))
 
 
 def _plain(value: Any) -> Any:

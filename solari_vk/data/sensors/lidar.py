@@ -228,7 +228,8 @@ class Lidar:
         beam = beam[begins]
         brightest = _brightest(power, begins)
         threshold, sigma = self._receiver()
-        amplitude, measured = total, mean
+        amplitude = total
+        measured = mean
         if noise:
             amplitude = total + sigma * rng.standard_normal(len(total))
             measured = mean + self.range_noise * rng.standard_normal(len(total))

@@ -79,7 +79,8 @@ class LidarScan:
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write the points as a .ply file, binary, or as a .npy file of records. Raises SolariError for another suffix,
         and for a file that can't be written."""
-        target, points = Path(path), self.points
+        target = Path(path)
+        points = self.points
         if target.suffix.lower() == ".npy":
             write_npy(target, points)
         elif target.suffix.lower() == ".ply":

@@ -78,6 +78,7 @@ class TrialJob(DeviceOptions):
 
 def run(job: TrialJob) -> int:
     """Measure and write the page; returns the exit code."""
+    # Imported late, so that the help needs none of it.
     from solari_vk.base.files import check_writable
     from solari_vk.lab.trial.compare import Goal
     from solari_vk.lab.trial.run import Plan, pythons_of

@@ -142,7 +142,8 @@ def _extreme_cases() -> Iterator[tuple[float, float, float]]:
 def measure_extreme_transforms(shaders: ShaderRunner) -> Iterator[Measurement]:
     """Compare t with float64: relative to the rounding of world-space rays, and in meters for three sizes."""
     random = np.random.default_rng(12)
-    relative, missed = (0.0, ""), []
+    relative = (0.0, "")
+    missed = []
     meters = dict.fromkeys((1e-6, 1.0, 1e6), (0.0, 0.0, 0.0, ""))  # error / bar, error in meters, bar, case
     for size, stretch, far in _extreme_cases():
         matrix = np.zeros((3, 4))
@@ -189,7 +190,8 @@ def measure_thin_triangles(shaders: ShaderRunner) -> Iterator[Measurement]:
     origins = (corners.mean(axis=1) - directions).astype(np.float32)
     hits = build_and_trace(shaders, {"soup": [Triangles(corners)]}, [Placement("soup")], origins, directions)
     exact = np.sum((corners[:, 0] - origins) * normals, axis=1) / np.sum(directions * normals, axis=1)
-    missed, own = hits["t"] < 0, hits["primitive"] == np.arange(len(corners))
+    missed = hits["t"] < 0
+    own = hits["primitive"] == np.arange(len(corners))
     found = corners[np.minimum(hits["primitive"], len(corners) - 1)]
     # Solves origin + t direction = (1 - u - v) a + u b + v c for the triangle that each ray hit.
     edges = np.stack([found[:, 1] - found[:, 0], found[:, 2] - found[:, 0], -directions.astype(float)], -1)
@@ -223,7 +225,8 @@ def measure_not_finite(shaders: ShaderRunner) -> Iterator[Measurement]:
     table = np.tile(np.array((0.1, 0.2, 5.0, 0.0, 0.0, -1.0, 0.0, 100.0)), (len(changes), 1))
     for ray, change in zip(table, changes.values(), strict=True):
         ray[list(change)] = list(change.values())
-    labels, valid = list(changes), np.arange(len(table)) < 2
+    labels = list(changes)
+    valid = np.arange(len(table)) < 2
     rays = np.zeros(len(table), shaders.element("conformance/probe", "probes"))
     rays["origin"] = table[:, :3]
     rays["direction"] = table[:, 3:6]

@@ -77,19 +77,22 @@ def _run(options: SuiteOptions, checks: Sequence[Check], sending: Connection, lo
 
 def _watch(child: BaseProcess, receiving: Connection, send: Send, limit: float, log: Path) -> Death | None:
     """Pass the child's messages on until it ends or is too slow."""
-    case, began = "", time.monotonic()
+    case = ""
+    began = time.monotonic()
     while receiving.poll(max(began + limit - time.monotonic(), 0)):
         try:
             message = receiving.recv()
         except (EOFError, OSError, pickle.UnpicklingError):
             seconds = time.monotonic() - began
             child.join(_GRACE)
+            # An exit code of 0 alone doesn't prove that all checks were measured.
             if child.exitcode == 0 and case == LEAVING:
                 return None
             ended, reason = _explain(child.exitcode)
             return Death(CRASH, ended, reason + _last_words(log), seconds)
         if isinstance(message, CheckBegan):
-            case, began = message.check.case, time.monotonic()
+            case = message.check.case
+            began = time.monotonic()
         send(message)
     assert child.pid is not None
     os.kill(child.pid, signal.SIGABRT)  # makes faulthandler write where the child is

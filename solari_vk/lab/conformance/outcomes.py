@@ -139,6 +139,7 @@ def _used(outcome: Outcome) -> float:
     made = outcome.measurement
     if made is None or math.isnan(made.measured):
         return math.inf
+    # What is measured by a bar of 0 is a count, of which more is worse.
     return made.measured / made.bar if made.bar else made.measured
 
 

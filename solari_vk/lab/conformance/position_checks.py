@@ -16,9 +16,10 @@ from solari_vk.lab.shader_runner import ShaderRunner
 from solari_vk.lab.structures import Structures, Triangles
 
 RULES = {
-    (which, several): call_rule(f"get{which.capitalize()}HitVertexPositions, {count}")
-    for which in ("committed", "candidate")
-    for several, count in ((False, "one geometry"), (True, "several geometries"))
+    ("committed", False): call_rule("getCommittedHitVertexPositions, one geometry"),
+    ("committed", True): call_rule("getCommittedHitVertexPositions, several geometries"),
+    ("candidate", False): call_rule("getCandidateHitVertexPositions, one geometry"),
+    ("candidate", True): call_rule("getCandidateHitVertexPositions, several geometries"),
 }
 
 

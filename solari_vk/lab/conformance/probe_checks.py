@@ -37,8 +37,10 @@ def probe_rays(dtype: np.dtype[Any], probes: Sequence[Probe] = PROBES) -> np.nda
         record["origin"] = matrix[:, :3] @ probe.origin + matrix[:, 3]
         record["direction"] = matrix[:, :3] @ probe.direction
         record["t_min"], record["t_max"] = probe.t_min, probe.t_max
-        record["flags"], record["cull_mask"] = probe.flags, probe.mask
-        record["action"], record["parameter"] = probe.action, probe.parameter
+        record["flags"] = probe.flags
+        record["cull_mask"] = probe.mask
+        record["action"] = probe.action
+        record["parameter"] = probe.parameter
     return records
 
 
@@ -193,6 +195,7 @@ class Checked:
         self.steps = int(answer["steps"])
         self.placed: Placement = INSTANCES[probe.on]
         matrix = self.placed.matrix
+        # In float64 from the matrix that the device gets, so that errors are the device's alone.
         self.inverse = np.linalg.inv(matrix[:, :3])
         self.origin = self.inverse @ (ray["origin"].astype(np.float64) - matrix[:, 3])
         self.direction = self.inverse @ ray["direction"].astype(np.float64)
@@ -278,12 +281,14 @@ class Checked:
         part = SHAPES[self.placed.shape][geometry]
         assert isinstance(part, Triangles)
         a, b, c = part.placed[primitive]
+        # origin + t * direction = a + u * (b - a) + v * (c - a)
         u, v, t = np.linalg.solve(np.stack([b - a, c - a, -self.direction], axis=1), self.origin - a)
         return float(t), np.array([u, v])
 
     def tells_its_ray(self) -> bool:
         """Whether the getters of the ray return the ray that was sent."""
-        got, ray = self.answer, self.ray
+        got = self.answer
+        ray = self.ray
         same = [
             got["t_min"] == ray["t_min"],
             got["flags"] == ray["flags"],
@@ -294,10 +299,12 @@ class Checked:
 
     def tells_opaque_boxes(self) -> bool:
         """Whether AABB candidates had the opacity that geometry and flags give them."""
+        # Bit 0 of the ray's flags makes all geometry opaque.
         opaque = self.placed.shape == "opaque boxes" or self.probe.flags & 1
         return int(self.answer["opaque_boxes"]) == (int(self.answer["box_candidates"]) if opaque else 0)
 
 
 def _error(got: Any, right: Any, scale: float | None = None) -> float:
+    # Relative to the largest component, since the smaller ones share its rounding.
     difference = np.abs(np.asarray(got, np.float64) - right).max()
     return float(difference / (scale if scale else max(np.abs(right).max(), 1e-30)))

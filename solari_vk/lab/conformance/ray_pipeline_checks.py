@@ -190,10 +190,8 @@ def measure_reports(shaders: ShaderRunner, damage: Damage | None = None) -> Iter
     step = RayPass("conformance/report", threads=len(rays), misses=[f"{_FOLDER}/report.rmiss"], hits=[HitGroup(*files)])
     # The box reaches far enough for rays with a large Tmin to meet it, and no report depends on where it is.
     # Boxes of the second shape lie behind each other, 2 apart.
-    box, several = (
-        np.array([[(x, 0, low - 2 * i), (x + 1, 1, 1 - 2 * i)] for i in range(count)])
-        for x, low, count in ((0, -1000, 1), (2, 0, 3))
-    )
+    box = np.array([[(0, 0, -1000), (1, 1, 1)]])
+    several = np.array([[(2, 0, -2 * i), (3, 1, 1 - 2 * i)] for i in range(3)])
     shapes = {"box": [Boxes(box)], "several": [Boxes(several)]}
     placed = [Placement("box"), Placement("several", custom=1)]
     with Structures(shaders.device, shapes, placed, own_records=True) as structures:

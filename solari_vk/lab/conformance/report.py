@@ -79,10 +79,11 @@ class Report:
                 # One missing feature leaves out many rules: they share a line. Other notes stay with their rule.
                 key = (row.group, row.note) if row.status == UNSUPPORTED else (row.group, row.note, row.rule.name)
                 shared.setdefault(key, []).append(row)
-        return [
-            f"{group}: {members[0].rule.name if len(members) == 1 else f'{len(members)} rules'}: {note}"
-            for (group, note, *_), members in shared.items()
-        ]
+        lines = []
+        for (group, note, *_), members in shared.items():
+            rules = members[0].rule.name if len(members) == 1 else f"{len(members)} rules"
+            lines.append(f"{group}: {rules}: {note}")
+        return lines
 
     def text(self) -> str:
         """The report as plain text with aligned columns."""

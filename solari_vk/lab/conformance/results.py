@@ -41,7 +41,8 @@ class Results:
                     self.facts["rays"] += f"; {other}"
                 self._faults = message.faults
             case CheckBegan():
-                self._current, self._first = message.check, len(self.outcomes)
+                self._current = message.check
+                self._first = len(self.outcomes)
             case Outcome():
                 self._add(message)
             case SolariError():
@@ -69,12 +70,15 @@ class Results:
         # After a part of the suite a fault may be about a rule that was not measured.
         if self.facts and not any(left.values()):
             self.outcomes += unexplained(self._faults, self.outcomes)
-        told = [
-            f"group {group}" if len(cases) == len(list(self._groups[group])) else f"{len(cases)} checks of {group}"
-            for group, cases in left.items()
-            if cases
-        ]
-        return told + [": ".join(check) for check in self.left_out]
+        texts = []
+        for group, cases in left.items():
+            if not cases:
+                continue
+            if len(cases) == len(list(self._groups[group])):
+                texts.append(f"group {group}")
+            else:
+                texts.append(f"{len(cases)} checks of {group}")
+        return texts + [": ".join(check) for check in self.left_out]
 
     def _add(self, outcome: Outcome) -> None:
         self.outcomes.append(outcome)

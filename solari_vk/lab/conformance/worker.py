@@ -108,7 +108,8 @@ class Worker:
 
 def measure_checks(options: SuiteOptions, checks: Sequence[Check], send: Send) -> None:
     """Open the device, measure checks of one group up to one that loses the device, and close the device."""
-    group, worker = checks[0].group, None
+    group = checks[0].group
+    worker = None
     with _announced(Check(group, OPENING), send):
         worker = Worker(options, group)
         send(DeviceOpened(_facts(worker.device), worker.faults))

@@ -159,6 +159,7 @@ def _measured(device: Device, count: int, row: Row) -> tuple[str, ...]:
     works: dict[str, Work] = {name: partial(until_done, work) for name, work in functions.items() if work is not None}
     # The same frames without `render_many`.
     works["in a row"] = partial(until_done, row.together, AT_ONCE)
+    # The first runs compile and allocate.
     for work in works.values():
         warm(device, work, 2, 0.2)
     # In turns, so that other work of the machine slows all of them.
@@ -220,11 +221,15 @@ def _all_rows(asked: _Asked, worlds: bool) -> Rows:
 
 def _rows(asked: _Asked) -> Rows:
     """The rows of a batch that shows one scene."""
-    device, binder, count, size = asked.device, asked.binder, asked.views, asked.size
+    device = asked.device
+    binder = asked.binder
+    count = asked.views
+    size = asked.size
     cameras, poses, fov = _cameras(binder, count)
     columns, rows = _grid(count)
     with ExitStack() as stack:
         batch = stack.enter_context(asked.batch(size, count))
+        # One large view, with about as many pixels as all views of the batch.
         single = stack.enter_context(asked.batch((size[0] * columns, size[1] * rows), 1))
 
         def render(cut: bool = False) -> None:

@@ -70,6 +70,7 @@ def run(
         report.progress(f"{count} workers, {views} views of {size[0]}x{size[1]} with {samples} samples a pixel")
         apart, together = _measure(options, count, views, size, samples)
         (speed_apart, spent_apart), (speed, spent) = (np.median(found / views, axis=0) for found in (apart, together))
+        # By the ratios of rounds, in which both sides met the same load.
         in_time, in_processor_time = np.median(apart / together, axis=0)
         rows.append(
             (
@@ -104,7 +105,8 @@ def run(
 
 
 def _tasks(scene: Scene, folder: str, views: int, size: tuple[int, int], samples: int) -> list[sv.cluster.RenderTask]:
-    cameras, style = orbit(scene.camera, scene.bounds.center, views, 40.0), sv.cluster.Style(size, samples=samples)
+    cameras = orbit(scene.camera, scene.bounds.center, views, 40.0)
+    style = sv.cluster.Style(size, samples=samples)
     return [
         sv.cluster.RenderTask(style, number, (sv.cluster.View(f"{number}.npy", camera),), folder=folder)
         for number, camera in enumerate(cameras)
@@ -125,6 +127,7 @@ def _measure(
             line, other = spawn.Pipe()
             process = spawn.Process(target=_apart, args=(other, options, count, tasks[:1], tasks[number::count]))
             process.start()
+            # Callbacks run in reverse order: a process is told to end before it is waited for.
             stack.callback(process.join)
             stack.callback(line.send, False)
             lines.append(line)
@@ -141,7 +144,8 @@ def _measure(
             spent = sum(line.recv() for line in lines)
             apart.append((time.perf_counter() - started, spent))
             # The pool's own processes count too: what they spend is lost for rendering.
-            before, started = _spent(pool), time.perf_counter()
+            before = _spent(pool)
+            started = time.perf_counter()
             _finish(pool.map(scene, tasks))
             together.append((time.perf_counter() - started, _spent(pool) - before))
     return np.array(apart), np.array(together)
@@ -155,6 +159,7 @@ def _apart(
     share: list[sv.cluster.RenderTask],
 ) -> None:
     """One of `count` processes, which renders its share of the tasks whenever it is told to."""
+    # These processes share the machine's cores as workers of a pool do.
     os.environ.update(software_threads(count))
     scene = builtin(SCENE)
     with sv.cluster.OneDevice(options.device, options.rays) as one:

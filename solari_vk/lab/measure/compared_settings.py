@@ -139,11 +139,13 @@ def milliseconds(
 
 def _errors(device: Device, scene: Scene, case: Case, truths: Picture, settings: Settings, seeds: int) -> Errors:
     """Errors (looks, raw and denoised, seeds)."""
+    # References are (2, height, width, 3).
     size = truths.shape[2], truths.shape[1]
-    errors = [
-        [(true_relative_mse(look.raw, *truths), true_relative_mse(look.denoised, *truths)) for look in looks]
-        for looks in (measure(device, scene, case, size, case.looks, settings, SEED + i) for i in range(seeds))
-    ]
+    errors = []
+    for seed in range(SEED, SEED + seeds):
+        looks = measure(device, scene, case, size, case.looks, settings, seed)
+        pairs = [(look.raw, look.denoised) for look in looks]
+        errors.append([[true_relative_mse(picture, *truths) for picture in pair] for pair in pairs])
     return np.array(errors).transpose(1, 2, 0)
 
 

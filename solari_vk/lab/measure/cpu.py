@@ -111,6 +111,7 @@ def rows(found: Comparison, motion: tuple[float, float] | str) -> list[list[str]
         known = _seconds(result, COARSE, FINE)
         cells = ["" if value is None else f"{value:.2f}" for value in (coarse, fine, denoised)]
         ratio = "" if coarse is None or ours is None else f"{coarse / ours:.2f}"
+        # A raw picture's error times its processor time is constant: this is its error after the time of one frame.
         at_once = "" if known is None or isinstance(motion, str) else f"{known * COARSE.error / motion[1]:.2g}"
         table.append([KINDS[name].title, *cells, ratio, at_once])
     if isinstance(motion, str):

@@ -100,6 +100,7 @@ def _works(
             tracer.render(camera, samples=SAMPLES)["radiance"]
 
         yield PATH_TRACER, each(trace)
+        # Sensors expose this picture, whose own time doesn't count.
         lit = np.asarray(tracer["radiance"])
     with Renderer(device, binder, size, seed=1) as renderer:
         yield REALTIME, each(lambda camera: renderer.render(camera)["radiance"])

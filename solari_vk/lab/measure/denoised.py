@@ -114,6 +114,7 @@ def run(
             reference_file = references and references / f"{name}, {size[0]}x{size[1]}.npz"
             looks = [look for look in case.looks if look <= plan.frames]
             found = [measure(device, scene, case, size, looks, settings, SEED + seed) for seed in range(seeds)]
+            # References show the last frame, so the case puts everything where it is then.
             camera = case.place(max(looks) - 1)
             truths = path_traced(device, scene, camera, size, plan.samples, reference_file)
             _add_oidn(device, scene, camera, found)
@@ -158,7 +159,8 @@ def cases(scene: Scene, size: tuple[int, int], frames: int) -> Iterator[Case]:
     yield Case("camera orbits", lambda frame: path[frame], [frames])
     for name in MOVED.get(scene.name, ()):
         with _kept_place(scene.instances[name]) as instance:
-            start, side = instance.transform.copy(), float(scene.bounds.size.max())
+            start = instance.transform.copy()
+            side = float(scene.bounds.size.max())
             yield Case(f"{name} moves", partial(_slide, instance, start, side, camera), [frames])
 
 
@@ -262,10 +264,10 @@ def _row(looks: Sequence[Look], references: Picture, exposure: float) -> list[st
     def mean_flip(pictures: Sequence[Picture | None]) -> float:
         return float(np.mean([flip(picture, truth, exposure) for picture in pictures]))
 
-    errors = [
-        [error(picture) for picture in (look.raw, look.mean, look.denoised, look.oidn, look.oidn_plus)]
-        for look in looks
-    ]
+    errors = []
+    for look in looks:
+        pictures = (look.raw, look.mean, look.denoised, look.oidn, look.oidn_plus)
+        errors.append([error(picture) for picture in pictures])
     raw, mean, denoised, by_oidn, plus = np.mean(errors, axis=0)
     cells = [
         f"{raw:.3g}",
@@ -283,8 +285,9 @@ def _row(looks: Sequence[Look], references: Picture, exposure: float) -> list[st
 
 def _sheet(looks: Sequence[Look], truth: Picture, exposure: float) -> Image.Image:
     """A row of pictures for each look: the raw frame, the denoised one, OIDN's, and the path tracer's."""
-    rows = [
-        [picture for picture in (look.raw, look.denoised, look.oidn, truth) if picture is not None] for look in looks
-    ]
-    codes = [np.concatenate([encode_picture(picture, exposure=exposure) for picture in row], axis=1) for row in rows]
-    return Image.fromarray(np.concatenate(codes))
+    rows = []
+    for look in looks:
+        shown = [picture for picture in (look.raw, look.denoised, look.oidn, truth) if picture is not None]
+        codes = [encode_picture(picture, exposure=exposure) for picture in shown]
+        rows.append(np.concatenate(codes, axis=1))
+    return Image.fromarray(np.concatenate(rows))

@@ -87,6 +87,7 @@ class Scenario:
         """
         theta, phi = math.radians(self.theta), math.radians(self.phi)
         outward = np.array((math.sin(phi) * math.sin(theta), math.cos(phi), math.sin(phi) * math.cos(theta)))
+        # The derivative of `outward` by -phi, which is defined at the poles too.
         up = (-math.cos(phi) * math.sin(theta), math.sin(phi), -math.cos(phi) * math.cos(theta))
         reach = max(self.radius, extent, 1e-5)
         eye = np.array(self.target) + self.radius * outward

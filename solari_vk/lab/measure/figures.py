@@ -72,6 +72,7 @@ def interval(values: ArrayLike) -> tuple[float, float]:
     runs = np.ravel(np.asarray(values, np.float64))
     if len(runs) < 2:
         return float(runs.mean()), math.inf
+    # ddof=1, because the spread is estimated about the mean of the same runs.
     return float(runs.mean()), _student_quantile(len(runs) - 1) * float(runs.std(ddof=1)) / math.sqrt(len(runs))
 
 
@@ -84,7 +85,10 @@ def _student_quantile(degrees: int) -> float:
     for _ in range(60):  # halves the interval to less than float64 can tell
         middle = (low + high) / 2
         angle = math.atan(middle / math.sqrt(degrees))
-        term, series = math.cos(angle) if odd else 1.0, 0.0
+        term = math.cos(angle) if odd else 1.0
+        series = 0.0
+        # Each term follows from the one before it: by the squared cosine, and by the next even over the next odd
+        # number, or the other way round.
         for power in range(odd, degrees - 1, 2):
             series += term
             term *= math.cos(angle) ** 2 * (power + 1) / (power + 2)

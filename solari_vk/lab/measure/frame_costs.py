@@ -55,6 +55,7 @@ def start_seconds(device: Device, *, cold: bool = True) -> dict[str, tuple[float
     """
 
     def start(**environment: str) -> tuple[float, float]:
+        # The UUID means the same device in the new process, also where several have one name.
         command = [sys.executable, "-c", _START, device.properties.uuid]
         variables = {**os.environ, "SOLARI_VK_RAYS": device.rays, **environment}
         done = subprocess.run(command, check=False, capture_output=True, text=True, env=variables)
@@ -110,7 +111,8 @@ def memory(device: Device, small: tuple[int, int], large: tuple[int, int]) -> di
 def host_times(device: Device, frames: int) -> dict[str, float]:
     """Milliseconds of a call of `render` by case: medians over frames. Each call starts on an idle device."""
     scene = builtin("cornell_box")
-    camera, block = scene.camera, list(scene.instances)[-2]
+    camera = scene.camera
+    block = list(scene.instances)[-2]
     pose, start = np.array(camera.transform), np.array(block.transform)
 
     def move_camera(_: int) -> None:

@@ -128,6 +128,7 @@ def _in_a_stream(
     device = renderer.device
     warm(device, lambda: renderer.render(scene.camera), plan.warm_up_frames, plan.seconds)
     streamed = frame_passes.streamed_time(renderer, scene.camera, plan.frames)
+    # Bare rays are compared once, with the frame that users of this device get.
     if renderer.settings.gbuffer != gbuffer.chosen_method(device.properties.kind):
         return streamed, None
     ratio = frame_passes.against_bare_rays(renderer, scene.camera, rays, plan.frames)
@@ -213,6 +214,7 @@ def _growth(device: Device, report: Report, plan: Plan) -> None:
             except SolariError as error:  # too large for the device
                 rows.append([f"{count:,}", str(error).partition("\n")[0], "", ""])
                 continue
+            # The first case may have failed too; then a later one is the unit of time.
             first = spent if math.isnan(first) else first
             rows.append([f"{count:,}", milliseconds(spent), f"{count / cases[0]:,.1f}", f"{spent / first:.2f}"])
         report.table(title, [what, "ms a frame", "count / first count", "time / first time"], rows, note)

@@ -68,6 +68,7 @@ def measure(device: Device, path: Path) -> list[str]:
         f"{triangles:,}",
         str(len(pixels)),
         f"{sum(pixels.values()) / 1e6:.1f}",
+        # The smallest time is that with the least other work on the machine.
         *(f"{min(times):.3f}" for times in (read, decode, upload)),
         f"{held / 1e6:.1f}",
     ]
@@ -104,6 +105,7 @@ def _time_of_images() -> Iterator[list[float]]:
         read(self, *arguments)
         spent.append(time.perf_counter() - started)
 
+    # By setattr, because mypy refuses the assignment of a method.
     setattr(Images, "read", timed)  # noqa: B010
     try:
         yield spent

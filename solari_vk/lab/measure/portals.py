@@ -108,7 +108,8 @@ def window_room(environment: EnvironmentLight, *, with_portal: bool) -> Scene:
 
 def _trace(device: Device, scene: Scene, truths: Picture, samples: int, seeds: int) -> tuple[Errors, float]:
     """Errors of the path tracer's pictures (seeds,), and milliseconds of one."""
-    errors, spent = [], []
+    errors = []
+    spent = []
     with PathTracer(device, scene, (truths.shape[2], truths.shape[1])) as tracer:
         # Compiles, which would count for the first seed.
         tracer.render(samples=1)["radiance"]
@@ -129,14 +130,14 @@ def _titles(frames: Sequence[int]) -> list[str]:
 def _frames(device: Device, scene: Scene, truths: Picture, frames: Sequence[int], seeds: int) -> list[Errors]:
     """Errors (seeds,) of realtime frames, in the order of `_titles`."""
     case = Case("still", lambda frame: scene.camera, frames)
+    # References are (2, height, width, 3).
     size = truths.shape[2], truths.shape[1]
     runs = [measure(device, scene, case, size, frames, Settings(), SEED + seed) for seed in range(seeds)]
 
     def errors(looks: Sequence[Look]) -> list[Errors]:
-        return [
-            np.array([true_relative_mse(picture, *truths) for picture in pictures])
-            for pictures in ([look.raw for look in looks], [look.denoised for look in looks])
-        ]
+        raw = [true_relative_mse(look.raw, *truths) for look in looks]
+        denoised = [true_relative_mse(look.denoised, *truths) for look in looks]
+        return [np.array(raw), np.array(denoised)]
 
     return [found for looks in zip(*runs, strict=True) for found in errors(looks)]
 

@@ -60,6 +60,7 @@ def height_field(triangles: int) -> tuple[NDArray[np.float32], NDArray[np.uint32
     x, z = np.meshgrid(np.linspace(-1, 1, side + 1), np.linspace(-1, 1, side + 1))
     positions = np.stack([x, 0.05 * np.sin(20 * x) * np.cos(17 * z), z], axis=-1).reshape(-1, 3).astype(np.float32)
     first = (np.arange(side)[:, None] * (side + 1) + np.arange(side)).ravel()
+    # Two triangles for each square of the grid, whose first corners are `first`.
     corners = np.stack([first, first + side + 1, first + 1, first + 1, first + side + 1, first + side + 2], axis=1)
     indices = corners.reshape(-1, 3).astype(np.uint32)
     corners = positions[indices]
@@ -99,6 +100,7 @@ def scattered(count: int) -> Scene:
     mesh = Mesh(positions=corners, triangles=np.array([(0, 1, 2), (0, 3, 1), (0, 2, 3), (1, 3, 2)]))
     side = math.ceil(math.sqrt(count))
     transforms = np.tile(np.eye(4) * (0.4 / side), (count, 1, 1))
+    # The scale has changed the last element too.
     transforms[:, 3, 3] = 1
     index = np.arange(count)
     transforms[:, 0, 3] = 2 * (index % side) / side - 1

@@ -75,7 +75,8 @@ def _process(code: str) -> float:
 
 def _rays(device: Device, report: Report, name: str) -> None:
     """Rays a second of the bare kernel and of the path tracer, in turns over the same scene and size."""
-    scene, size = builtin(name), (256, 256)
+    scene = builtin(name)
+    size = (256, 256)
     spent, traced = np.zeros(2), np.zeros(2)  # the bare kernel's, the path tracer's
     with (
         PathTracer(device, scene, size, max_bounces=BOUNCES) as tracer,
@@ -101,6 +102,7 @@ def _samples(device: Device, report: Report, name: str, size: int) -> None:
     scene = builtin(name)
     with PathTracer(device, scene, (size, size)) as tracer:
         tracer.render(scene.camera, samples=1)
+        # More samples than any device takes in that time.
         spent = device_seconds(device, lambda: tracer.render(scene.camera, samples=1 << 20, time_limit=SECONDS))
         report.figure(f"{name} {size}x{size}", tracer.samples * size * size / spent / 1e6, "Msamples/s")
 

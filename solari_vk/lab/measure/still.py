@@ -138,7 +138,8 @@ def _measured(
                 pictures.refine(1)
                 first.setdefault(method, time.perf_counter() - started)
                 truths = truths or _truths(device, scene, size, camera, samples)
-                pictures.picture()  # loads OIDN
+                # The first call loads OIDN, and its time must not count.
+                pictures.picture()
                 pictures.begin()
                 results.append(_reach(pictures, truths, error, limit))
     for method in METHODS:
@@ -162,6 +163,7 @@ def _truths(
 ) -> list[NDArray[np.float32]]:
     """Two pictures with independent noise."""
     pictures = []
+    # Seeds that no run has, so that references share no noise with what is measured by them.
     for seed in (RUNS, RUNS + 1):
         with PathTracer(device, scene, size, seed=seed) as tracer:
             pictures.append(tracer.render(camera, samples=samples)["radiance"])

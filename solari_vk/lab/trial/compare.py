@@ -62,6 +62,7 @@ class Result:
     def noise(self) -> float:
         """The relMSE of the picture that is noise, from what its halves differ by."""
         first, second = (half.picture for half in self.halves)
+        # The difference of two halves has twice the variance of one, and their mean half of it: a quarter.
         return float(np.mean((first - second) ** 2 / squared_scale(self.picture)) / 4)
 
     @property

@@ -13,7 +13,7 @@ from solari_vk.scene.lights.directional import DirectionalLight
 from solari_vk.scene.lights.punctual import PunctualLight, SpotLight
 from solari_vk.scene.material import TEXTURES, Material
 from solari_vk.scene.meshes.tangents import components, neighbors, weld
-from solari_vk.scene.model import Mesh, Scene
+from solari_vk.scene.model import Instance, Mesh, Scene
 
 
 @dataclass(frozen=True)
@@ -64,6 +64,13 @@ def _has_parts_inside_out(mesh: Mesh) -> bool:
     volumes = np.bincount(part, np.linalg.det(mesh.positions[mesh.triangles].astype(np.float64)))
     closed = volumes[np.bincount(part, is_open) == 0]
     return bool(closed.min(initial=0) < 0 < closed.max(initial=0))
+
+
+def _shows_backs(item: Instance) -> bool:
+    """Whether other renderers show backs of an instance that cameras of ours don't see."""
+    if item.material.double_sided:
+        return False
+    return item.material.alpha_mode != "opaque" or _has_parts_inside_out(item.mesh)
 
 
 def _is_spot(light: Any) -> bool:
@@ -250,11 +257,7 @@ DIFFERENCES = (
         "back sides",
         "cameras of ours don't see the back of single-sided surfaces, as glTF has it; "
         "others do: through blended and cut out surfaces, and of parts of meshes that face inwards",
-        lambda scene: any(
-            not item.material.double_sided
-            and (item.material.alpha_mode != "opaque" or _has_parts_inside_out(item.mesh))
-            for item in scene
-        ),
+        lambda scene: any(_shows_backs(item) for item in scene),
     ),
 )
 

@@ -69,19 +69,15 @@ class Page:
 
     def facts(self) -> dict[str, Any]:
         """All numbers, as JSON values."""
-        return {
-            **self._facts,
-            "left out": self._absent,
-            "scenes": {
-                name: {
-                    "renderers": {renderer: result.facts() for renderer, result in found.results.items()},
-                    "failures": found.failures,
-                    "distances": [{"pair": pair, **_finite(asdict(far))} for pair, far in found.distances.items()],
-                    "explained": [f"{difference.renderer}: {difference.what}" for difference in known],
-                }
-                for name, found, known in self._scenes
-            },
-        }
+        scenes = {}
+        for name, found, known in self._scenes:
+            scenes[name] = {
+                "renderers": {renderer: result.facts() for renderer, result in found.results.items()},
+                "failures": found.failures,
+                "distances": [{"pair": pair, **_finite(asdict(far))} for pair, far in found.distances.items()],
+                "explained": [f"{difference.renderer}: {difference.what}" for difference in known],
+            }
+        return {**self._facts, "left out": self._absent, "scenes": scenes}
 
     def rows(self, name: str, found: Comparison) -> tuple[list[list[str]], list[list[str]]]:
         """The cells below RENDERERS and below DISTANCES of a scene."""
@@ -104,6 +100,7 @@ class Page:
     def summary(self) -> tuple[str, list[str], list[list[str]]]:
         """How often ours is nearest to the first of the other renderers, and columns and rows of all scenes: distances
         to that one, and the processors' seconds to equal error. ("", [], []) without ours or another renderer."""
+        # In the order of KINDS, also where a renderer has failed in some scenes.
         present = [name for name in KINDS if any(name in found.results for _, found, _ in self._scenes)]
         if OURS not in present or len(present) < 2:
             return "", [], []
@@ -138,6 +135,7 @@ class Page:
         if summed:
             parts += [f"<p>{html.escape(f'{said} {SUMMARY}')}</p>", _table(columns, summed)]
         for name, found, known in self._scenes:
+            # Tables below a heading with the scene's name lack its column, which those of the Markdown page have.
             renderers, distances = self.rows(name, found)
             parts += [
                 f"<h2>{html.escape(name)}</h2>",
@@ -158,12 +156,12 @@ class Page:
                 (f"{b}.png", KINDS[b].title),
                 (f"{a}-{b}.png", f"{KINDS[a].title} brighter: red, darker: blue, {MOST_SHOWN:.0%} at most"),
             ]
-            figures = (
-                f"<figure><img src='{html.escape(name)}/{file}' alt='{html.escape(text)}'><figcaption>"
-                f"{html.escape(text)}</figcaption></figure>"
-                for file, text in cells
-            )
-            rows.append(f"<div>{''.join(figures)}</div>")
+            figures = ""
+            for file, text in cells:
+                picture = f"<img src='{html.escape(name)}/{file}' alt='{html.escape(text)}'>"
+                figures += f"<figure>{picture}<figcaption>{html.escape(text)}</figcaption></figure>"
+            rows.append(f"<div>{figures}</div>")
+        # Without another renderer there is no pair to show.
         if not rows and OURS in found.results:
             rows.append(f"<img src='{html.escape(name)}/{OURS}.png' alt='solari_vk'>")
         return "".join(rows)
@@ -178,19 +176,10 @@ class Page:
             lines += ["", "## All scenes", "", *wrapped(f"{said} {SUMMARY}"), "", *markdown_table(columns, summed)]
         lines += ["", "## Distances", "", *markdown_table(DISTANCES, [row for _, rows in tables for row in rows])]
         lines += ["", "## Renderers", "", *markdown_table(RENDERERS, [row for rows, _ in tables for row in rows])]
-        lines += [
-            "",
-            "## Differences that are explained",
-            "",
-            *wrapped(EXPLAINED),
-            "",
-            *markdown_list(
-                [
-                    f"{name}: {'; '.join([*_failures(found), *_named(known)]) or 'none'}"
-                    for name, found, known in self._scenes
-                ]
-            ),
-        ]
+        explained = []
+        for name, found, known in self._scenes:
+            explained.append(f"{name}: {'; '.join([*_failures(found), *_named(known)]) or 'none'}")
+        lines += ["", "## Differences that are explained", "", *wrapped(EXPLAINED), "", *markdown_list(explained)]
         return "\n".join(lines) + "\n"
 
 
@@ -224,6 +213,7 @@ def error_map(first: Picture, second: Picture) -> NDArray[np.uint8]:
     luminances = [picture.mean(axis=2, keepdims=True) for picture in (first, second)]
     relative = (luminances[0] - luminances[1]) / np.sqrt(squared_scale((luminances[0] + luminances[1]) / 2))
     share = np.clip(relative / MOST_SHOWN, -1, 1)
+    # Green goes for both signs; then red is left where the first is brighter, and blue where it is darker.
     colors = 1 - np.concatenate([np.maximum(-share, 0), np.abs(share), np.maximum(share, 0)], axis=2)
     return np.round(255 * colors).astype(np.uint8)
 
@@ -268,8 +258,9 @@ def _list(items: Sequence[str], kind: str = "") -> str:
 
 
 def _table(columns: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    lines = [
-        f"<tr>{''.join(f'<{cell}>{html.escape(text)}</{cell}>' for text in row)}</tr>"
-        for cell, row in (("th", columns), *(("td", row) for row in rows))
-    ]
+    lines = [_row("th", columns), *(_row("td", row) for row in rows)]
     return f"<table>{''.join(lines)}</table>"
+
+
+def _row(tag: str, texts: Sequence[str]) -> str:
+    return f"<tr>{''.join(f'<{tag}>{html.escape(text)}</{tag}>' for text in texts)}</tr>"

@@ -122,5 +122,6 @@ def measure(
     if found.results:
         # All pictures of a scene have one exposure, so that they can be compared.
         shown = found.results.get(OURS) or next(iter(found.results.values()))
+        # A picture is white at 1.2 * 2^EV100 cd/m^2.
         found.exposure = float(1 / (1.2 * np.exp2(auto_exposure(shown.picture))))
     return found

@@ -44,7 +44,8 @@ class Conditions:
 
 def write(item: TrialScene, conditions: Conditions, folder: Path) -> None:
     """Write the files of a scene. Raises SolariError for cameras that the other renderers aren't given."""
-    scene, camera = item.scene, item.camera
+    scene = item.scene
+    camera = item.camera
     if camera.aperture or camera.lens_fields():
         raise SolariError(
             f"{item.file}: the trial has perspective and orthographic cameras without a lens or an "

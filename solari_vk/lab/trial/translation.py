@@ -50,11 +50,14 @@ def write(scene: Scene, folder: Path) -> None:
 
 def arrays(instance: Instance) -> dict[str, NDArray[Any]]:
     """A mesh in world space: triangles (M, 3), positions (N, 3), and normals (N, 3), uvs (N, 2), colors (N, 3)."""
-    mesh, transform = instance.posed_mesh(), instance.transform
+    mesh = instance.posed_mesh()
+    transform = instance.transform
+    # A mirrored mesh keeps its front by the other winding.
     mirrored = np.linalg.det(transform[:3, :3]) < 0
     triangles = mesh.triangles[:, ::-1] if mirrored else mesh.triangles
     found = {"triangles": triangles.astype(np.uint32), "positions": transform_points(transform, mesh.positions)}
     if mesh.normals is not None:
+        # Normals go by the inverse transpose. They are rows here, which transposes the product.
         found["normals"] = unit(mesh.normals @ np.linalg.inv(transform[:3, :3]))
     # Mitsuba has one set of uvs a mesh, and no transform of a texture's own.
     texture = leading_texture(instance.material)
@@ -81,10 +84,12 @@ def joined(meshes: list[dict[str, NDArray[Any]]]) -> dict[str, NDArray[Any]]:
 
 def behind(mesh: dict[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
     """The other side of a double-sided lamp, close behind it: emitters light one side there. mesh: as of `arrays`."""
-    triangles, positions = mesh["triangles"], mesh["positions"].astype(np.float64)
+    triangles = mesh["triangles"]
+    positions = mesh["positions"].astype(np.float64)
     a, b, c = (positions[triangles[:, i]] for i in range(3))
     normals = np.zeros_like(positions)
     for i in range(3):
+        # Cross products weight the normals of triangles by their areas.
         np.add.at(normals, triangles[:, i], np.cross(b - a, c - a))
     moved = positions - BEHIND * np.ptp(positions, axis=0).max() * unit(normals)
     found = {**mesh, "triangles": np.ascontiguousarray(triangles[:, ::-1]), "positions": moved.astype(np.float32)}
@@ -138,7 +143,8 @@ class _Textures:
 
     def opacity(self, material: Material) -> Any:
         """The alpha of a material: 0 or 1 where it is cut out."""
-        texture, cutoff = material.base_color_texture, material.alpha_cutoff
+        texture = material.base_color_texture
+        cutoff = material.alpha_cutoff
         masked = material.alpha_mode == "mask"
         if texture is None:
             return float(material.alpha >= cutoff) if masked else material.alpha

@@ -117,19 +117,7 @@ class Screens:
             "views": {name: DEBUG_VIEWS[name] for name in views_of(self.settings.lighting)},
             "qualities": list(QUALITIES),
             "samples": self.samples,
-            "settings": [
-                {
-                    "name": name,
-                    "section": FIELDS[name].section,
-                    "meaning": FIELDS[name].meaning,
-                    "choices": FIELDS[name].choices,
-                    "default": DEFAULTS[name],
-                    "low": FIELDS[name].low,
-                    # JSON has no infinity.
-                    "high": None if math.isinf(FIELDS[name].high) else FIELDS[name].high,
-                }
-                for name in shown
-            ],
+            "settings": [_described(name) for name in shown],
         }
 
     def close(self) -> None:
@@ -220,7 +208,8 @@ class Screen:
         return pick_at(self.pictures, x, y)
 
     def _set(self, name: str, value: Any) -> None:
-        pictures, settings = self.pictures, self.pictures.settings
+        pictures = self.pictures
+        settings = self.pictures.settings
         match name:
             case "mode":
                 self.mode = _one_of("mode", value, MODES)
@@ -377,3 +366,18 @@ def _one_of(what: str, value: Any, known: Iterable[str]) -> Any:
     if value not in tuple(known):
         raise unknown_name(f"there is no {what}", value, known)
     return value
+
+
+def _described(name: str) -> dict[str, Any]:
+    """A setting for the page, as JSON values."""
+    field = FIELDS[name]
+    return {
+        "name": name,
+        "section": field.section,
+        "meaning": field.meaning,
+        "choices": field.choices,
+        "default": DEFAULTS[name],
+        "low": field.low,
+        # JSON has no infinity.
+        "high": None if math.isinf(field.high) else field.high,
+    }

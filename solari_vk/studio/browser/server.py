@@ -231,7 +231,8 @@ def _parsed(text: str) -> dict[str, Any]:
 async def run_server(hub: Hub, sock: socket.socket, token: str | None, started: Callable[[], object]) -> None:
     """Serve until Ctrl-C or SIGTERM, after which a second one ends the process at once. started: called when pages can
     be opened. Raises what made the device fail."""
-    ended, loop = asyncio.Event(), asyncio.get_running_loop()
+    ended = asyncio.Event()
+    loop = asyncio.get_running_loop()
 
     # Once the end has begun, the signals have their usual effects again: a second Ctrl-C ends a shutdown that hangs.
     def end() -> None:

@@ -147,7 +147,8 @@ class CameraControl:
         distance = min(max(wanted, self._nearest), self._farthest)
         # Equal steps of the wheel multiply the distance, so that zooming is as quick near and far away. Then the camera
         # moves across by what the point under the cursor moved in the picture.
-        anchor, center = self._seen_across(at), self.center
+        anchor = self._seen_across(at)
+        center = self.center
         if self.camera.orthographic_height:
             self.camera.orthographic_height *= distance / self.distance
         self._look_from(center, distance)
@@ -187,7 +188,8 @@ class CameraControl:
 
         aspect: width / height of the picture.
         """
-        radius, narrow = max(radius, 1e-6), min(aspect, 1.0)
+        radius = max(radius, 1e-6)
+        narrow = min(aspect, 1.0)
         if self.camera.orthographic_height:
             self.camera.orthographic_height = 2 * radius / narrow
         # A sphere fills a cone, so its distance follows from the sine of half the narrower field of view.

@@ -39,7 +39,8 @@ class Decorations:
 
     def lay_out(self) -> None:
         """Draw everything, between ImGui's new_frame and end_frame."""
-        session, area = self._session, self._session.layout.picture
+        session = self._session
+        area = self._session.layout.picture
         # The background list is drawn below all windows, so panels and messages stay above.
         lines = imgui.get_background_draw_list()
         lines.push_clip_rect(imgui.ImVec2(area.x, area.y), imgui.ImVec2(area.x + area.width, area.y + area.height))
@@ -80,7 +81,8 @@ class Decorations:
                 lines.add_image(texture, low, high)
 
     def _draw_box(self, lines: Any, instance: Instance) -> None:
-        session, positions = self._session, instance.mesh.positions
+        session = self._session
+        positions = instance.mesh.positions
         corners = np.array(list(product(*zip(positions.min(axis=0), positions.max(axis=0), strict=True))), np.float64)
         places = markers.project(session.camera, transform_points(instance.transform, corners), session.layout.picture)
         for a, b in combinations(range(8), 2):
@@ -90,7 +92,8 @@ class Decorations:
 
     def _draw_band(self, lines: Any) -> None:
         """A line beside the rows that have the samples which are being traced."""
-        session, area = self._session, self._session.layout.picture
+        session = self._session
+        area = self._session.layout.picture
         if session.pictures.most_bands and session.pictures.reference is not None and not session.refinement.finished:
             tracer = session.pictures.reference.tracer
             end = area.y + tracer.unfinished_bands[1] / tracer.size[1] * area.height
@@ -136,7 +139,8 @@ class Decorations:
                 self._divider(lines, f"divider {index}", begin)
 
     def _divider(self, lines: Any, name: str, at: float) -> None:
-        area, pictures = self._session.layout.picture, self._session.pictures
+        area = self._session.layout.picture
+        pictures = self._session.pictures
         # A window without a background takes the mouse along the line, before the picture does.
         x = area.x + at * area.width
         lines.add_line(imgui.ImVec2(x, area.y), imgui.ImVec2(x, area.y + area.height), 0xC0FFFFFF)

@@ -71,7 +71,8 @@ class EditActions:
 
     def _nudge(self, direction: str) -> None:
         """Move what is picked by a small step, along the world's axis that looks most like it on the screen."""
-        picked, control = self._picked(), self._session.camera_control
+        picked = self._picked()
+        control = self._session.camera_control
         placed = [item for item in picked if hasattr(item, "position")]
         if not placed:
             if picked:

@@ -29,7 +29,8 @@ class EnvironmentPanel:
 
     def lay_out(self) -> None:
         """Lay out the choice and the fields of what is chosen."""
-        session, environment = self._session, self._session.scene.environment
+        session = self._session
+        environment = self._session.scene.environment
         for kind in ("none", "studio", "sky"):
             if imgui.button(kind):
                 act(session, "surround", kind)

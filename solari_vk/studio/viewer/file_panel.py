@@ -25,7 +25,8 @@ class FilePanel:
 
     def lay_out(self) -> None:
         """Lay out two rows of buttons, and what they open."""
-        session, history = self._session, self._session.history
+        session = self._session
+        history = self._session.history
         if imgui.button("open ..."):
             self._recent = recent_files()
             imgui.open_popup("open")

@@ -30,7 +30,8 @@ class Gizmo:
 
     def lay_out(self) -> None:
         """Lay out the handles over the picture, between ImGui's new_frame and end_frame."""
-        session, item = self._session, self._session.selected
+        session = self._session
+        item = self._session.selected
         operation = OPERATIONS.get(session.gizmo)
         self.busy = False
         if operation is None or item is None or not self._has_handles(item, operation):
@@ -39,7 +40,8 @@ class Gizmo:
         if transform is None:
             return
         pivot = _pivot(item)
-        area, camera = session.layout.picture, session.camera
+        area = session.layout.picture
+        camera = session.camera
         gizmo.set_orthographic(bool(camera.orthographic_height))
         gizmo.set_drawlist(imgui.get_background_draw_list())
         gizmo.set_rect(area.x, area.y, area.width, area.height)

@@ -25,7 +25,8 @@ def project(camera: Camera, points: NDArray[np.float64], area: Area) -> NDArray[
 def visible_markers(session: Session) -> list[tuple[Any, tuple[float, float]]]:
     """The lights and cameras that are marked, and where: those that have a place in the picture. None while the panels
     are hidden."""
-    scene, area = session.scene, session.layout.picture
+    scene = session.scene
+    area = session.layout.picture
     if not (session.has_panels and session.shows_panels):
         return []
     # The scene's camera through which the user looks is in the eye: its marker would cover the picture's middle.

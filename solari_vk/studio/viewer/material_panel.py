@@ -142,7 +142,8 @@ class MaterialPanel:
 def is_used(material: Material, names: list[str]) -> bool:
     """Whether a material has other values than the default ones in any of these fields."""
     for name in names:
-        value, default = getattr(material, name), Material._defaults[name]
+        value = getattr(material, name)
+        default = Material._defaults[name]
         same = np.array_equal(value, default) if isinstance(value, np.ndarray) else value == default
         if not same:
             return True

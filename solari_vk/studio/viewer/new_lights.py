@@ -28,7 +28,8 @@ def new_light(kind: str, control: CameraControl) -> Light:
     # 5.1). A white Lambertian surface has that radiance at pi times as many lux.
     illuminance = math.pi * 1.2 * 2.0**camera.ev100
     if kind == "sun":
-        x, back = camera.transform[:3, 0], camera.transform[:3, 2] * (1, 0, 1)
+        x = camera.transform[:3, 0]
+        back = camera.transform[:3, 2] * (1, 0, 1)
         direction = -SUN[0] * x + SUN[1] * np.array((0, 1, 0)) + SUN[2] * back
         return DirectionalLight(direction.astype(np.float32), illuminance=illuminance)
     # Sizes follow from what the picture shows, so that a lamp suits a ring as well as a town.

@@ -87,7 +87,8 @@ class ObjectPanel:
         moved, position = imgui.drag_float3("position", transform[:3, 3].tolist(), step, format="%.4g")
         # Turning and scaling are relative: a transform has no Euler angles of its own, and theirs would jump.
         turned, degrees = imgui.drag_float3("turn by", [0.0] * 3, 0.5, format="%.1f deg")
-        scaled, factor = False, 1.0
+        scaled = False
+        factor = 1.0
         if isinstance(item, Instance):
             scaled, factor = imgui.drag_float("scale by", 1.0, 0.005, 0.1, 10.0, "%.3f")
         if moved:
@@ -115,7 +116,8 @@ class ObjectPanel:
 
     def _field(self, light: Any, field: str) -> tuple[bool, Any] | None:
         """The widget of a field, and what it returned; None for a field that has no widget."""
-        value, label = getattr(light, field), field.replace("_", " ")
+        value = getattr(light, field)
+        label = field.replace("_", " ")
         # The intensity of an environment isn't in candela: it scales a radiance.
         if field in UNITS and not isinstance(light, EnvironmentLight):
             label = f"{label} ({UNITS[field]})"

@@ -17,7 +17,7 @@ from solari_vk.scene.load import load
 from solari_vk.scene.load import open as open_scene
 from solari_vk.scene.presenting.studio_lights import heading, studio_environment
 from solari_vk.studio.viewer.camera_control import extent_of
-from solari_vk.studio.viewer.history import Presence
+from solari_vk.studio.viewer.history import Edit, Presence
 from solari_vk.studio.viewer.pictures import meter_exposure
 from solari_vk.studio.viewer.session import Session
 
@@ -39,7 +39,8 @@ def open_file(session: Session, path: Path) -> None:
     """
     # Built-in scenes have names such as builtin:cornell_box, which are no paths.
     source = path if str(path).startswith("builtin:") else Path(os.path.abspath(path))
-    loaded, picture = open_scene(str(source)), session.layout.picture
+    loaded = open_scene(str(source))
+    picture = session.layout.picture
     camera = dataclasses.replace(loaded.camera_for(picture.width / max(picture.height, 1)))
     session.replace_scene(loaded, source, lambda: open_scene(str(source)))
     session.scene.camera = camera
@@ -52,16 +53,15 @@ def open_file(session: Session, path: Path) -> None:
 
 def add_file(session: Session, path: Path) -> None:
     """Add what is in a file to the scene."""
-    scene, loaded = session.scene, load(path)
+    scene = session.scene
+    loaded = load(path)
     holders: tuple[Items[Any], ...] = (scene.instances, scene.lights)
     # The file is in the scene before the edit is recorded: adding assigns names, and an error leaves nothing to undo.
     before = [len(items) for items in holders]
     group = scene.add(loaded, name=path.stem)
-    edits = [
-        Presence(items, items[number], number, True)
-        for items, count in zip(holders, before, strict=True)
-        for number in range(count, len(items))
-    ]
+    edits: list[Edit] = []
+    for items, count in zip(holders, before, strict=True):
+        edits += [Presence(items, items[number], number, True) for number in range(count, len(items))]
     session.history.record(f"adding {path.name}", edits)
     session.selected = next(iter(scene.instances[-1:]), None)
     session.say(f"added {len(group.items)} objects of {path.name}")
@@ -69,7 +69,8 @@ def add_file(session: Session, path: Path) -> None:
 
 def surround(session: Session, kind: str) -> None:
     """Surround the scene by "none", "studio", "sky", or a picture of all directions in a file."""
-    scene, camera = session.scene, session.camera
+    scene = session.scene
+    camera = session.camera
     made: EnvironmentLight | None
     if kind == "none":
         made = None

@@ -108,8 +108,10 @@ class Overlay:
     def lay_out(self, seconds: float) -> None:
         """Lay out the panels for the window's size, and apply what the user changes in them."""
         imgui.set_current_context(self._context)
-        session, io = self._session, imgui.get_io()
-        size, pixels = session.window.size, session.window.pixels
+        session = self._session
+        io = imgui.get_io()
+        size = session.window.size
+        pixels = session.window.pixels
         io.display_size = imgui.ImVec2(*size)
         io.display_framebuffer_scale = imgui.ImVec2(pixels[0] / max(size[0], 1), pixels[1] / max(size[1], 1))
         io.delta_time = max(seconds, 1e-4)  # ImGui refuses 0
@@ -170,7 +172,8 @@ class Overlay:
                 imgui.progress_bar(session.refinement.done, imgui.ImVec2(width, imgui.get_text_line_height()), "")
                 imgui.same_line()
             self._probe.update()
-            room, probe = layout.status.width - imgui.get_cursor_pos_x() - 8, self._probe.text
+            room = layout.status.width - imgui.get_cursor_pos_x() - 8
+            probe = self._probe.text
             imgui.text_unformatted(status_line(session, probe, room, lambda text: imgui.calc_text_size(text).x))
             # The probe stands at the right edge, where it doesn't move as the text before it changes.
             imgui.same_line(layout.status.width - imgui.calc_text_size(probe).x - 8)

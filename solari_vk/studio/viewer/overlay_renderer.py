@@ -231,11 +231,13 @@ class _Pipeline:
 
     def bind(self, commands: raw.CData, **placement: Any) -> None:
         """Record the pipeline's binding, and the values of overlay.vert's push constants."""
-        vk, pushed = self._device.vk, np.zeros(1, self._placement)
+        vk = self._device.vk
+        pushed = np.zeros(1, self._placement)
         for field, value in placement.items():
             pushed[field] = value
         vk.vkCmdBindPipeline(commands, _GRAPHICS, self._made.handle)
-        layout, data = self._interface.pipeline_layout, raw.ffi.from_buffer(pushed)
+        layout = self._interface.pipeline_layout
+        data = raw.ffi.from_buffer(pushed)
         vk.vkCmdPushConstants(commands, layout, raw.VK_SHADER_STAGE_ALL, 0, pushed.nbytes, data)
 
     def new_set(self, image: Image) -> DescriptorSets:

@@ -66,7 +66,8 @@ class Panels:
     # ---- picture ------------------------------------------------------------------------------------
 
     def _picture(self) -> None:
-        session, pictures = self._session, self._session.pictures
+        session = self._session
+        pictures = self._session.pictures
         pictures.mode = choose("mode", pictures.mode, MODES)
         pictures.view = choose("view", pictures.view, views_of(session.settings.lighting))
         limited = ", of realtime pictures alone" if pictures.mode == "reference" else ""
@@ -157,7 +158,8 @@ class Panels:
 
     def _animation(self) -> None:
         """Choose a clip, play and pause, and scrub through its time."""
-        session, player = self._session, self._session.player
+        session = self._session
+        player = self._session.player
         assert player.clip is not None
         names = [clip.name or f"clip {number}" for number, clip in enumerate(session.scene.animations)]
         chosen, number = imgui.combo("clip", player.number, names)
@@ -225,7 +227,8 @@ class Panels:
                 imgui.tree_pop()
 
     def _setting(self, name: str) -> None:
-        settings, field = self._session.settings, FIELDS[name]
+        settings = self._session.settings
+        field = FIELDS[name]
         # What is in effect: the factor of upscaling follows the scale, whatever the user's setting is.
         value: Any = self._session.pictures.upscale if name == "upscale" else getattr(settings, name)
         default = DEFAULTS[name]
@@ -252,4 +255,6 @@ class Panels:
             self._session.edit(settings, **{name: edited})
         else:
             # The user wants their own factor, which is assigned already, instead of the scale's.
-            self._session.prefer_users_upscale()
+            self._session.pictures.prefer_users_upscale()
+            if self._session.beside is not None:
+                self._session.beside.pictures.prefer_users_upscale()

@@ -264,7 +264,8 @@ class Pictures:
         if not self._shows_raw:
             return
         assert self.realtime is not None
-        radiance, size = self.realtime.resource("raw_radiance"), self.realtime.render_size
+        radiance = self.realtime.resource("raw_radiance")
+        size = self.realtime.render_size
         if self._raw is None:
             self._raw = ToneMapped(self.device, radiance, size)
         self._raw.fit(radiance, size)

@@ -120,7 +120,8 @@ class Presenter:
         self, commands: raw.CData, index: int, parts: Sequence[Part], draw: Draw, target: Buffer | None
     ) -> None:
         """Record a frame: the parts, what `draw` adds, and a copy of the window's pixels to `target`, if given."""
-        vk, shown = self.device.vk, self.swapchain.images[index]
+        vk = self.device.vk
+        shown = self.swapchain.images[index]
         width, height = self.swapchain.extent
         vk.vkResetCommandBuffer(commands, 0)  # an error may have interrupted the last recording
         vk.vkBeginCommandBuffer(commands, raw.struct("VkCommandBufferBeginInfo"))
@@ -130,7 +131,8 @@ class Presenter:
         # The blit covers the area; the rest is black, where panels are drawn.
         area = self._area_in(width, height)
         if not parts or area != Area(0, 0, width, height):
-            black, whole = raw.ffi.new("VkClearColorValue*"), raw.struct("VkImageSubresourceRange", **_WHOLE)
+            black = raw.ffi.new("VkClearColorValue*")
+            whole = raw.struct("VkImageSubresourceRange", **_WHOLE)
             vk.vkCmdClearColorImage(commands, shown, _TARGET, black, 1, whole)
             vk.vkCmdPipelineBarrier2(commands, full_barrier())
         if parts:
@@ -172,7 +174,8 @@ class Presenter:
             self._composed = composed
         # A part may be narrower than a column of the target; then its neighbors cover it.
         for part in parts:
-            image, target = part.image, part.columns(width)
+            image = part.image
+            target = part.columns(width)
             if target[0] < target[1]:
                 blit = _blit(part.columns(image.width, min_count=1), (0, image.height), target, (0, height))
                 self.device.vk.vkCmdBlitImage(

@@ -114,7 +114,8 @@ class ProgressiveRenderer:
 
     def _set_limits(self) -> None:
         """Tell the pictures how much they may do in the next frame."""
-        refinement, pictures = self._session.refinement, self._session.pictures
+        refinement = self._session.refinement
+        pictures = self._session.pictures
         traces_bands = refinement.rests and pictures.mode == "reference"
         pictures.most_bands = refinement.bands if traces_bands else None
         pictures.sample_limit = refinement.samples if refinement.rests else 0

@@ -72,7 +72,8 @@ class Sources:
             theirs.clear()
             for item in items:
                 ours.add(item)
-        self.scene.warnings, self.scene.variants = loaded.warnings, loaded.variants
+        self.scene.warnings = loaded.warnings
+        self.scene.variants = loaded.variants
         self.scene.backdrop = loaded.backdrop
 
     def _shader_stamps(self) -> Stamps:

@@ -42,7 +42,8 @@ def take_screenshot(session: Session) -> Path:
         metadata={"command": command},
     )
     # The command can't say that the picture was stretched, and has no options for edits: the text names both.
-    lines, size = [command], session.pictures.size
+    lines = [command]
+    size = session.pictures.size
     if size != (area.width, area.height):
         lines.append(
             f"# It renders {size[0]}x{size[1]} pixels, as the window did, and stretched, as in the .png, "
@@ -72,7 +73,8 @@ def edit_lines(session: Session) -> list[str]:
     for edit in session.history:
         if isinstance(edit, Assignment) and edit.item is not session.settings:
             for field in edit.after:
-                value, place = getattr(edit.item, field), _place(session.scene, edit.item)
+                value = getattr(edit.item, field)
+                place = _place(session.scene, edit.item)
                 written = value.tolist() if isinstance(value, np.ndarray) else value
                 lines |= {f"{place}.{field} = {written!r}": None} if place else {}
         elif isinstance(edit, Presence):
@@ -99,7 +101,8 @@ def command_line(session: Session, output: Path) -> str:
     the first frame; otherwise its noise differs, because it accumulates over frames. In the mode "split" the command
     renders the realtime picture.
     """
-    pictures, camera = session.pictures, session.camera
+    pictures = session.pictures
+    camera = session.camera
     width, height = pictures.size
     words = ["solari-vk", "render", session.source or "FILE", *session.source_options]
     words += ["-o", str(output), "--size", f"{width}x{height}"]

@@ -168,12 +168,6 @@ class Session(Messages):
         with self.showing_mistakes():
             self.history.assign(item, **fields)
 
-    def prefer_users_upscale(self) -> None:
-        """Upscale the pictures of all scenes by the user's setting until the scale changes."""
-        self.pictures.prefer_users_upscale()
-        if self.beside is not None:
-            self.beside.pictures.prefer_users_upscale()
-
     def edit_all(self, text: str, values: Iterable[tuple[Checked, dict[str, Any]]]) -> None:
         """Assign fields of several objects, but for locked ones, as one edit that has this text."""
         with self.showing_mistakes():

@@ -14,7 +14,8 @@ PROBE_INTERVAL = 0.25  # seconds between two looks at the pixel under the cursor
 
 def state_in_words(session: Session, *, brief: bool = False) -> str:
     """The mode, the view, the size that is rendered, the rate, and the progress; brief: the mode and the last one."""
-    pictures, refinement = session.pictures, session.refinement
+    pictures = session.pictures
+    refinement = session.refinement
     width, height = pictures.rendered_size
     parts = [pictures.mode]
     if not brief:
@@ -37,7 +38,8 @@ def status_line(session: Session, probe: str, room: float, width_of: Callable[[s
 
 def progress_in_words(session: Session) -> str:
     """How far the picture of the full size is: samples or frames, the share that is done, and the time left."""
-    refinement, pictures = session.refinement, session.pictures
+    refinement = session.refinement
+    pictures = session.pictures
     unit = "frames" if pictures.mode == "realtime" else "samples"
     count = f"{refinement.count:.4g} {unit}"
     if refinement.finished:
@@ -61,7 +63,8 @@ class Probe:
         """Look at the pixel again, if the cursor or the picture changed and the latest look is some time ago."""
         session = self._session
         now = time.perf_counter()
-        area, refinement = session.layout.picture, session.refinement
+        area = session.layout.picture
+        refinement = session.refinement
         # While the picture moves it is another one in each frame; at rest it changes with its count.
         seen = session.cursor, refinement.count if refinement.rests else now
         if seen == self._seen or now - self._looked_at < PROBE_INTERVAL:

@@ -143,7 +143,8 @@ class Swapchain:
         )
         if not supported[0]:
             raise DeviceError(f"{device.name} can't present to this window: choose another device")
-        self.stale, self._surface_lost = True, False
+        self.stale = True
+        self._surface_lost = False
 
     def _make(self) -> None:
         """Make the images for the window's current size; none while its size is zero."""

@@ -32,7 +32,8 @@ COLORS = {
 def apply_theme() -> None:
     """Give the current ImGui context its font and colors."""
     folder = Path(imgui_bundle.__file__).parent / "assets" / "fonts"
-    style, io = imgui.get_style(), imgui.get_io()
+    style = imgui.get_style()
+    io = imgui.get_io()
     for name in FONTS:
         if (folder / name).is_file():
             io.fonts.add_font_from_file_ttf(str(folder / name), FONT_SIZE)

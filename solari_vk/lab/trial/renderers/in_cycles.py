@@ -57,6 +57,7 @@ def load(job: dict[str, Any], folder: Path) -> Callable[[int, int], Any]:
         pixels = np.empty(width * height * image.channels, np.float32)
         image.pixels.foreach_get(pixels)
         bpy.data.images.remove(image)
+        # Blender's first row is the lowest one.
         return pixels.reshape(height, width, -1)[::-1, :, :3]
 
     return render
@@ -72,6 +73,7 @@ def still(file: Path, folder: Path) -> Path:
     has_plain = _give_materials(content)
     if not has_clips and not has_plain:
         return file
+    # The copy lies in another folder, from which relative paths would lead nowhere.
     for entry in (*content.get("buffers", ()), *content.get("images", ())):
         if not entry.get("uri", "data:").startswith("data:"):
             entry["uri"] = quote(str(file.parent.resolve() / unquote(entry["uri"])))
@@ -81,6 +83,7 @@ def still(file: Path, folder: Path) -> Path:
         copy.write_bytes(text)
         return copy
     text += b" " * (-len(text) % 4)  # chunks begin at multiples of 4 bytes
+    # The header of a .glb file and that of its first chunk, of the type JSON (glTF 2.0, sections 4.4.2 and 4.4.3).
     head = struct.pack("<4sIIII", b"glTF", 2, 20 + len(text) + len(data) - end, len(text), 0x4E4F534A)
     copy.write_bytes(head + text + data[end:])
     return copy
@@ -104,8 +107,11 @@ def _shine_on_the_front(material: Any) -> None:
     for strength in [node.inputs["Emission Strength"] for node in nodes if node.type == "BSDF_PRINCIPLED"]:
         if strength.default_value == 0:
             continue
-        geometry, front = nodes.new("ShaderNodeNewGeometry"), nodes.new("ShaderNodeMath")
-        front.operation, front.inputs[1].default_value = "MULTIPLY_ADD", -strength.default_value
+        geometry = nodes.new("ShaderNodeNewGeometry")
+        front = nodes.new("ShaderNodeMath")
+        # The strength times 1 - backfacing, which is 1 on backs.
+        front.operation = "MULTIPLY_ADD"
+        front.inputs[1].default_value = -strength.default_value
         front.inputs[2].default_value = strength.default_value
         material.node_tree.links.new(geometry.outputs["Backfacing"], front.inputs[0])
         material.node_tree.links.new(front.outputs[0], strength)
@@ -129,7 +135,10 @@ def _absorb(material: Any) -> None:
     """Solids absorb by -ln(color) / distance, as in glTF; Blender's importer has (1 - color) / distance."""
     nodes: Any = material.node_tree.nodes if material.use_nodes else ()
     for node in [node for node in nodes if node.type == "VOLUME_ABSORPTION"]:
-        color, density = node.inputs["Color"].default_value, node.inputs["Density"]
+        color = node.inputs["Color"].default_value
+        density = node.inputs["Density"]
+        # Cycles' node absorbs (1 - color) * density, and the importer's density is 1 / distance. The limit keeps what
+        # black absorbs finite.
         absorbed = [-math.log(max(value, 1e-6)) for value in color[:3]]
         largest = max(absorbed)
         if largest > 0:
@@ -150,31 +159,38 @@ def _decode(material: Any, decoded: dict[str, Any]) -> None:
             image.pixels.foreach_get(pixels)
             pixels = pixels.reshape(-1, image.channels)
             colors = pixels[:, :3]
+            # The transfer function of sRGB (IEC 61966-2-1).
             pixels[:, :3] = np.where(colors <= 0.04045, colors / 12.92, ((colors + 0.055) / 1.055) ** 2.4)
             made = bpy.data.images.new(f"{image.name}, decoded", *image.size, alpha=True, float_buffer=True)
-            made.colorspace_settings.name, made.alpha_mode = "Linear Rec.709", "CHANNEL_PACKED"
+            made.colorspace_settings.name = "Linear Rec.709"
+            made.alpha_mode = "CHANNEL_PACKED"
             made.pixels.foreach_set(np.concatenate([pixels, np.ones((len(pixels), 4), np.float32)], 1)[:, :4].ravel())
             decoded[image.name] = made
         node.image = decoded[image.name]
+
+
+def _is_transparent(node: Any) -> bool:
+    """Whether light passes straight through a node's surface."""
+    if node.type != "BSDF_PRINCIPLED":
+        return bool(node.type == "BSDF_TRANSPARENT")
+    alpha = node.inputs["Alpha"]
+    return bool(alpha.is_linked or alpha.default_value < 1)
 
 
 def _hide_backs(material: Any) -> None:
     """Cameras don't see the backs of single-sided surfaces, as in glTF: of those that light passes, where it matters
     most."""
     nodes: Any = material.node_tree.nodes if material.use_backface_culling and material.use_nodes else ()
-    passes = any(
-        node.type == "BSDF_TRANSPARENT"
-        or (
-            node.type == "BSDF_PRINCIPLED"
-            and (node.inputs["Alpha"].is_linked or node.inputs["Alpha"].default_value < 1)
-        )
-        for node in nodes
-    )
+    passes = any(_is_transparent(node) for node in nodes)
     outputs = [node.inputs["Surface"] for node in nodes if node.type == "OUTPUT_MATERIAL" and passes]
     for output in [surface for surface in outputs if surface.is_linked]:
-        links, shown = material.node_tree.links, output.links[0].from_socket
-        geometry, rays = nodes.new("ShaderNodeNewGeometry"), nodes.new("ShaderNodeLightPath")
-        both, mix = nodes.new("ShaderNodeMath"), nodes.new("ShaderNodeMixShader")
+        links = material.node_tree.links
+        shown = output.links[0].from_socket
+        geometry = nodes.new("ShaderNodeNewGeometry")
+        rays = nodes.new("ShaderNodeLightPath")
+        both = nodes.new("ShaderNodeMath")
+        mix = nodes.new("ShaderNodeMixShader")
+        # Backs become invisible for rays of the camera alone, since light still meets them in glTF's renderers.
         both.operation = "MULTIPLY"
         links.new(geometry.outputs["Backfacing"], both.inputs[0])
         links.new(rays.outputs["Is Camera Ray"], both.inputs[1])
@@ -193,9 +209,11 @@ def _link(scene: Any, name: str, data: Any, matrix: Any) -> Any:
 
 def _add_camera(scene: Any, camera: dict[str, Any]) -> None:
     data = bpy.data.cameras.new("camera")
-    data.sensor_fit, data.angle = "VERTICAL", camera["vertical_fov"]
+    data.sensor_fit = "VERTICAL"
+    data.angle = camera["vertical_fov"]
     if camera["orthographic_height"]:
-        data.type, data.ortho_scale = "ORTHO", camera["orthographic_height"]
+        data.type = "ORTHO"
+        data.ortho_scale = camera["orthographic_height"]
     data.clip_start, data.clip_end = camera["near"], 1e6
     scene.camera = _link(scene, "camera", data, UPRIGHT @ Matrix(camera["transform"]))
 
@@ -209,13 +227,18 @@ def _add_light(scene: Any, light: dict[str, Any]) -> None:
         down = UPRIGHT.to_3x3() @ Vector(light["direction"])
         matrix = down.to_track_quat("-Z", "Y").to_matrix().to_4x4()
     if light["kind"] == "directional":
-        data.energy, data.angle = light["illuminance"], light["angular_diameter"]
+        data.energy = light["illuminance"]
+        data.angle = light["angular_diameter"]
     else:
-        data.energy, data.shadow_soft_size = 4 * math.pi * light["intensity"], light["radius"]
+        # Blender takes the power over all directions.
+        data.energy = 4 * math.pi * light["intensity"]
+        data.shadow_soft_size = light["radius"]
         data.use_soft_falloff = False
         matrix.translation = UPRIGHT @ Vector(light["position"])
     if light["kind"] == "spot":
-        data.spot_size, data.spot_blend = 2 * light["outer_cone_angle"], 0
+        data.spot_size = 2 * light["outer_cone_angle"]
+        # The whole cone is lit by Blender, and the nodes of `_fall_off` darken its border.
+        data.spot_blend = 0
         _fall_off(data, math.cos(light["outer_cone_angle"]), math.cos(light["inner_cone_angle"]))
     _link(scene, "light", data, matrix)
     if light.get("radius"):
@@ -249,26 +272,31 @@ def _add_seen_sphere(scene: Any, light: dict[str, Any], matrix: Any) -> None:
     """What the camera sees of a light with a radius: Cycles hides lights from cameras."""
     import bmesh  # which only bpy makes importable
 
-    form, mesh = bmesh.new(), bpy.data.meshes.new("lamp")
+    form = bmesh.new()
+    mesh = bpy.data.meshes.new("lamp")
     bmesh.ops.create_uvsphere(form, u_segments=64, v_segments=32, radius=light["radius"])
     form.to_mesh(mesh)
     material = bpy.data.materials.new("lamp")
-    material.use_nodes, material.cycles.emission_sampling = True, "NONE"
+    material.use_nodes = True
+    material.cycles.emission_sampling = "NONE"
     nodes = material.node_tree.nodes
     nodes.clear()
-    emission, output = nodes.new("ShaderNodeEmission"), nodes.new("ShaderNodeOutputMaterial")
+    emission = nodes.new("ShaderNodeEmission")
+    output = nodes.new("ShaderNodeOutputMaterial")
     emission.inputs["Color"].default_value = (*light["color"], 1)
     emission.inputs["Strength"].default_value = light["intensity"] / (math.pi * light["radius"] ** 2)
     material.node_tree.links.new(emission.outputs[0], output.inputs["Surface"])
     mesh.materials.append(material)
     sphere = _link(scene, "lamp", mesh, matrix)
+    # The light itself lights the scene already: the sphere must not do it again.
     for rays in ("diffuse", "glossy", "transmission", "volume_scatter", "shadow"):
         setattr(sphere, f"visible_{rays}", False)
 
 
 def _add_environment(scene: Any, environment: dict[str, Any] | None, folder: Path) -> None:
     world = bpy.data.worlds.new("world")
-    scene.world, world.use_nodes = world, True
+    scene.world = world
+    world.use_nodes = True
     nodes, links = world.node_tree.nodes, world.node_tree.links
     background = nodes["Background"]
     background.inputs["Color"].default_value = (0, 0, 0, 1)
@@ -277,7 +305,8 @@ def _add_environment(scene: Any, environment: dict[str, Any] | None, folder: Pat
     picture = nodes.new("ShaderNodeTexEnvironment")
     picture.image = bpy.data.images.load(str(folder / environment["picture"]))
     picture.image.colorspace_settings.name = "Linear Rec.709"
-    place, mapping = nodes.new("ShaderNodeTexCoord"), nodes.new("ShaderNodeMapping")
+    place = nodes.new("ShaderNodeTexCoord")
+    mapping = nodes.new("ShaderNodeMapping")
     # The rotation of the map, in Blender's axes.
     turn = UPRIGHT.to_3x3() @ Matrix(environment["rotation"]) @ UPRIGHT.to_3x3().inverted()
     mapping.inputs["Rotation"].default_value = turn.inverted().to_euler()
@@ -289,13 +318,15 @@ def _add_environment(scene: Any, environment: dict[str, Any] | None, folder: Pat
 
 def _set_up(scene: Any, job: dict[str, Any]) -> None:
     """A plain path tracer: nothing is clamped, blurred, denoised or stopped early."""
-    render, cycles = scene.render, scene.cycles
+    render = scene.render
+    cycles = scene.cycles
     render.engine = "CYCLES"
     render.resolution_x, render.resolution_y = job["size"]
     render.resolution_percentage = 100
     render.film_transparent = False
     render.use_persistent_data = True  # so that only the first picture loads the scene
-    render.image_settings.file_format, render.image_settings.color_depth = "OPEN_EXR", "32"
+    render.image_settings.file_format = "OPEN_EXR"
+    render.image_settings.color_depth = "32"
     scene.view_settings.view_transform = "Raw"
     cycles.device = "CPU"
     cycles.use_denoising = False
@@ -307,4 +338,6 @@ def _set_up(scene: Any, job: dict[str, Any]) -> None:
     cycles.transparent_max_bounces = 64
     cycles.sample_clamp_direct = cycles.sample_clamp_indirect = cycles.blur_glossy = 0
     cycles.caustics_reflective = cycles.caustics_refractive = True
-    cycles.pixel_filter_type, cycles.filter_width = "BOX", 1.0
+    # A pixel is the mean over its own area, as in the other renderers.
+    cycles.pixel_filter_type = "BOX"
+    cycles.filter_width = 1.0

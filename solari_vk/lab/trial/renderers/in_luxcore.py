@@ -26,6 +26,7 @@ def load(job: dict[str, Any], folder: Path) -> Callable[[int, int], Any]:
     settings = {
         "renderengine.type": "PATHCPU",
         "sampler.type": "RANDOM",
+        # Russian roulette begins where no path is left: the other renderers have none.
         "path.russianroulette.depth": 1000,
         **{f"path.pathdepth.{kind}": depth for kind in ("total", "diffuse", "glossy", "specular")},
         "film.width": width,
@@ -64,7 +65,8 @@ class Builder:
     """Makes LuxCore's scene of a job."""
 
     def __init__(self, job: dict[str, Any], folder: Path) -> None:
-        self.job, self.folder = job, folder
+        self.job = job
+        self.folder = folder
         self.translated = json.loads((folder / "mitsuba.json").read_text(encoding="utf-8"))
         self.made = pyluxcore.Scene()
         self.count = 0  # of textures
@@ -92,7 +94,8 @@ class Builder:
     def camera(self) -> None:
         """It looks along -z with y up; the angle is that between top and bottom. LuxCore shows all a pixel too low.
         An orthographic window is in meters."""
-        camera, (width, height) = self.job["camera"], self.job["size"]
+        camera = self.job["camera"]
+        (width, height) = self.job["size"]
         place = np.array(camera["transform"])
         half = camera["orthographic_height"] / 2
         # Shifted by one pixel, so that pictures lie where ours do.
@@ -119,6 +122,7 @@ class Builder:
         if light["kind"] == "directional":
             half = light["angular_diameter"] / 2
             cosine = float(np.cos(np.float32(half)))  # rounded as LuxCore rounds it
+            # A disk of radiance L and half angle a gives pi L sin^2(a) lux to a surface that faces it.
             radiance = light["illuminance"] / (np.pi * (1 - cosine**2))
             return {
                 "type": "distant",
@@ -142,6 +146,7 @@ class Builder:
         return found | kind | {"gain": [4 * np.pi * light["intensity"]] * 3}
 
     def environment(self, environment: dict[str, Any]) -> None:
+        # LuxCore's maps run the other way around.
         texels = np.load(self.folder / environment["texels"])[:, ::-1]
         self.image("environment", np.repeat(texels, 2, axis=1) if texels.shape[1] == 1 else texels)
         to_world = np.eye(4)

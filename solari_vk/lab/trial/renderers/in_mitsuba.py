@@ -21,7 +21,8 @@ def load(job: dict[str, Any], folder: Path) -> Callable[[int, int], Any]:
     width, height = job["size"]
 
     def render(samples: int, seed: int) -> Any:
-        total, done = np.zeros((height, width, 3)), 0
+        total = np.zeros((height, width, 3))
+        done = 0
         while done < samples:
             count = min(samples - done, max(SAMPLES_AT_ONCE // (width * height), 1))
             number = (seed * 65_537 + done) * 65_537 % 2**32  # scalar variants count on from it for a picture's blocks
@@ -51,12 +52,14 @@ class Builder:
     """Makes Mitsuba's scene of a job."""
 
     def __init__(self, job: dict[str, Any], folder: Path) -> None:
-        self.job, self.folder = job, folder
+        self.job = job
+        self.folder = folder
         self.translated = json.loads((folder / "mitsuba.json").read_text(encoding="utf-8"))
 
     def scene(self) -> Any:
         """The scene, with a box as pixel filter and without roulette."""
-        job, camera = self.job, self.job["camera"]
+        job = self.job
+        camera = self.job["camera"]
         width, height = job["size"]
         # Mitsuba looks along +z with +x to the left; orthographic pictures are 2 wide.
         half = camera["orthographic_height"] / 2 * width / height
@@ -80,6 +83,8 @@ class Builder:
             "film": film,
             "sampler": {"type": "independent"},
         }
+        # Mitsuba counts the segments of a path, of which there is one more than bounces. Russian roulette begins where
+        # no path is left: the other renderers have none.
         integrator = {"type": "path", "max_depth": job["max_bounces"] + 1, "rr_depth": 1000}
         parts: dict[str, Any] = {"type": "scene", "integrator": integrator, "sensor": sensor}
         for index, light in enumerate(job["lights"]):
@@ -101,11 +106,13 @@ class Builder:
             }
         intensity = np.array(light["color"]) * light["intensity"]
         if light["kind"] == "point" and light["radius"] > 0:
+            # A sphere of radiance L has the intensity pi r^2 L in all directions: each sees a disk.
             radiance = intensity / (np.pi * light["radius"] ** 2)
             return {
                 "type": "sphere",
                 "center": light["position"],
                 "radius": light["radius"],
+                # Lights of ours reflect nothing.
                 "bsdf": {"type": "diffuse", "reflectance": 0.0},
                 "emitter": {"type": "area", "radiance": rgb(radiance)},
             }
