@@ -96,8 +96,8 @@ class MaterialTensors:
     def _message(self, name: str, row: int) -> str:
         found = next((material for material, of_material in self._rows.items() if of_material == row), None)
         low, high = LIMITS[name]
-        subject = "a material" if found is None else found.describe()
-        return f"{subject}: {name} must be finite, and lie between {low:g} and {high:g}"
+        described = "a material" if found is None else found.describe()
+        return f"{described}: {name} must be finite, and lie between {low:g} and {high:g}"
 
     def destroy(self) -> None:
         self._list.destroy()
