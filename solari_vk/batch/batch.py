@@ -12,7 +12,7 @@ from solari_vk.base.errors import SolariError, checked_keywords
 from solari_vk.batch import view_cameras
 from solari_vk.batch.batch_renderers import BatchPathTracer, BatchRenderer, WorldBindings
 from solari_vk.batch.many_frames import WHERE as MANY
-from solari_vk.batch.many_frames import FrameResults, cameras_of, poses_of, resets_of, seeds_of, transforms_of
+from solari_vk.batch.many_frames import FrameResults, accept_cameras, cameras_of, resets_of, seeds_of, transforms_of
 from solari_vk.batch.options import (
     LIGHT,
     check_realtime,
@@ -196,7 +196,7 @@ class Batch(BatchResults):
         sample_count = self._checked_samples(samples)
         clears_cache = checked_flag(reset_cache, "reset_cache")
         options = {"fov": fov, "vertical_fov": vertical_fov, "K": K, "near": near, "ev100": ev100}
-        read = self._read(poses_of(self._port, cameras, "Batch.render", (self.views, 4, 4)), options)
+        read = self._read(accept_cameras(self._port, cameras, "Batch.render", (self.views, 4, 4)), options)
         self._render(read, sample_count, self._checked_seeds(seeds), checked_mask(reset, self.views), clears_cache)
         return self
 
@@ -304,7 +304,7 @@ class Batch(BatchResults):
     ) -> None:
         """Give the cameras to the frame of labels and to the path tracer."""
         table = self._table
-        # In most frames only poses change, which `upload_frame` uploads.
+        # In most frames only transforms change, which `upload_frame` uploads.
         if table.must_write((cameras.records, seeds), self._worlds.assignment_key):
             table.write_cameras(cameras)
             table.records["frame"]["seed"] = seeds

@@ -196,7 +196,7 @@ class BatchRenderer(Renderer):
             newest = np.repeat(self._changes.newest, len(change) // len(self._changes.newest))
             self._change = np.where(reset, 0.0, np.maximum(change, newest))
         blended = self._worlds.blended_changes != self._blended_before
-        # In most frames of a batch only poses and jitter change, which `upload_frame` uploads.
+        # In most frames of a batch only transforms and jitter change, which `upload_frame` uploads.
         sources = cameras.records, cameras.jitter, seeds, self._change, self._camera_jitter, self._offsets
         size = self._built_render_size
         if views.must_write(sources, (size, *self._worlds.assignment_key, blended.tobytes())):

@@ -147,14 +147,14 @@ class FrameResults(Mapping[str, NDArray[Any]]):
             self.close()
 
 
-def poses_of(port: TensorPort, cameras: Any, where: str, *shapes: tuple[int, ...]) -> Any:
+def accept_cameras(port: TensorPort, cameras: Any, where: str, *shapes: tuple[int, ...]) -> Any:
     """Cameras, those of a tensor of the device in its memory."""
     return port.accept_shaped(cameras, "cameras", *shapes, where=where) or cameras
 
 
 def cameras_of(frames: int, views: int, cameras: Any, port: TensorPort) -> Sequence[Any]:
     """The cameras of each frame: those of all, or for each its own."""
-    cameras = poses_of(port, cameras, WHERE, (views, 4, 4), (frames, views, 4, 4))
+    cameras = accept_cameras(port, cameras, WHERE, (views, 4, 4), (frames, views, 4, 4))
     if isinstance(cameras, DeviceTensor):
         return [cameras if len(cameras.shape) == 3 else cameras.at(index) for index in range(frames)]
     if _is_camera_list(cameras):
@@ -165,8 +165,8 @@ def cameras_of(frames: int, views: int, cameras: Any, port: TensorPort) -> Seque
             raise SolariError(f"{WHERE}: give {frames} lists of cameras, one for each frame, not {len(lists)}")
         return lists
     shape = views, 4, 4
-    poses = view_cameras.array(cameras, "cameras", shape, (frames, *shape), where=WHERE)
-    return list(np.broadcast_to(poses, (frames, *shape)))
+    transforms = view_cameras.array(cameras, "cameras", shape, (frames, *shape), where=WHERE)
+    return list(np.broadcast_to(transforms, (frames, *shape)))
 
 
 def _is_camera_list(value: Any) -> bool:

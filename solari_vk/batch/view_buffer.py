@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from solari_vk.batch.view_cameras import POSE_NUMBERS, ViewCameras
+from solari_vk.batch.view_cameras import MATRIX_NUMBERS, ViewCameras
 from solari_vk.bound.projection import SEED_STRIDE, lens_point
 from solari_vk.gpu.device import raw
 from solari_vk.gpu.device.barriers import full_barrier
@@ -28,13 +28,13 @@ from solari_vk.gpu.tensors.port import POSE_RULE, Dispatch, TensorPort, rule
 
 # What all views share: the fields of FrameOfViews in glsl/scene/tensors/view_records.glsl before its rows.
 SHARED = np.dtype(
-    [("columns", "u4"), ("world_parts", "u4"), ("has_own_lights", "u4"), ("index", "u4"), ("poses", "u8")]
+    [("columns", "u4"), ("world_parts", "u4"), ("has_own_lights", "u4"), ("index", "u4"), ("matrices", "u8")]
 )
 _WORLD = [("world", "u4"), ("first_instance", "u4")]
-# The rows that follow, each with a number of every view: matrices of poses, 4 offsets, and whether the view is reset.
-_OFFSETS = POSE_NUMBERS
-_RESET = POSE_NUMBERS + 4
-_ROWS = POSE_NUMBERS + 5
+# The rows that follow, each with a number of every view: the matrices, 4 offsets, and whether the view is reset.
+_OFFSETS = MATRIX_NUMBERS
+_RESET = MATRIX_NUMBERS + 4
+_ROWS = MATRIX_NUMBERS + 5
 
 
 class ViewBuffer:
@@ -58,7 +58,7 @@ class ViewBuffer:
         self._written = False  # `records` were, or must be, since the latest upload
         self._seen: tuple[tuple[Any, ...], tuple[Any, ...]] = (), ()  # what the records were made from
         self._port = port
-        self._poses: Buffer | None = None  # of tensors, as rows
+        self._tensor_rows: Buffer | None = None  # of tensors, as rows
         fields = views_binding.element.fields
         assert fields is not None
         inputs = [("camera", fields["current"][0]), ("frame", fields["frame"][0]), *_WORLD]
@@ -71,7 +71,7 @@ class ViewBuffer:
         self.shared = memory[: SHARED.itemsize].view(SHARED)
         """What all views share (1,)."""
         rows = memory[SHARED.itemsize :].view(np.float32).reshape(_ROWS, count)
-        self._rows = rows[:POSE_NUMBERS]
+        self._rows = rows[:MATRIX_NUMBERS]
         self._reset = rows[_RESET]
         self.offsets = rows[_OFFSETS:_RESET].reshape(2, 2, count)
         """Camera.jitter and FrameValues.sample_jitter by x and y (2, 2, N), kept from frame to frame."""
@@ -125,36 +125,42 @@ class ViewBuffer:
     def upload_frame(self, cameras: ViewCameras, reset: NDArray[np.bool_], index: int = 0) -> None:
         """Have the next submission make the records of a frame with this index. Those so far become the previous
         cameras, but for views that are reset, (N,) or one for all."""
-        poses = cameras.poses
+        matrices = cameras.matrices
         address = self._frame.buffer.address + SHARED.itemsize
-        if isinstance(poses, DeviceTensor):
-            if self._poses is None:
-                self._poses = self._device.buffer(4 * POSE_NUMBERS * self._count, "poses of tensors")
-            address = self._poses.address
-            self._write_tensor(poses, address)
+        if isinstance(matrices, DeviceTensor):
+            if self._tensor_rows is None:
+                self._tensor_rows = self._device.buffer(4 * MATRIX_NUMBERS * self._count, "cameras of tensors")
+            address = self._tensor_rows.address
+            self._write_tensor(matrices, address)
         else:
-            self._rows[:] = poses
+            self._rows[:] = matrices
         # The first frame has no records before, whose cameras could be the previous ones.
         self._reset[:] = True if self._first else reset
         self.shared["index"] = index
-        self.shared["poses"] = address
+        self.shared["matrices"] = address
         if self._written:
             self._inputs.upload()
         self._frame.upload()
         self._first = self._written = False
 
-    def _write_tensor(self, poses: DeviceTensor, rows: int) -> None:
+    def _write_tensor(self, transforms: DeviceTensor, rows: int) -> None:
         """Have the 24 numbers of the matrices of each camera written, each as a row for all cameras, at an address."""
         field = "Batch.render: the pose"
         pushed = {
-            **self._port.matrices(poses, self._count),
+            **self._port.matrices(transforms, self._count),
             **self._port.refusal(field, rule(field, "view", POSE_RULE)),
             "first": rows,
         }
-        self._port.write([Dispatch("cameras", (self._count, 1), pushed)], "poses", with_next=True)
+        self._port.write([Dispatch("cameras", (self._count, 1), pushed)], "cameras", with_next=True)
 
     def destroy(self) -> None:
-        for owned in (self._frame, self._inputs, *(kernel for kernel, _ in self._steps), self.buffer, self._poses):
+        for owned in (
+            self._frame,
+            self._inputs,
+            *(kernel for kernel, _ in self._steps),
+            self.buffer,
+            self._tensor_rows,
+        ):
             if owned is not None:
                 owned.destroy()
 

@@ -1,8 +1,8 @@
-"""The cameras of a batch's views: arrays of poses, or Camera objects, as records of struct Camera of
+"""The cameras of a batch's views: arrays of transforms, or Camera objects, as records of struct Camera of
 glsl/scene/camera_records.glsl.
 
-Arrays of poses become records without a loop over views, and with the numbers that `Projection.of` finds for a `Camera`
-of each, bit by bit: the same operations in the same order on doubles.
+Arrays of transforms become records without a loop over views, and with the numbers that `Projection.of` finds for a
+`Camera` of each, bit by bit: the same operations in the same order on doubles.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ Floats = NDArray[np.float64]
 DEFAULTS = Camera()
 LARGEST_EV100 = 100.0
 # Of a camera: world_from_view, then view_from_world, by columns of 3.
-POSE_NUMBERS = 24
+MATRIX_NUMBERS = 24
 _LAST_ROW = np.array([[0.0], [0.0], [0.0], [1.0]])
 # Vertical fields of view of a Camera, in radians.
 NARROWEST = 1e-4
@@ -39,7 +39,7 @@ class ViewCameras(NamedTuple):
 
     records: NDArray[Any]
     """(N,): struct Camera, of pictures that are rendered in their size, which may lack the matrices. Frames of which it
-    is the same array have the same cameras, but for `poses`."""
+    is the same array have the same cameras, but for `matrices`."""
     lenses: list[Camera]
     """Those with a lens, which is a feature of the shaders."""
     apertures: dict[int, Camera]
@@ -50,9 +50,9 @@ class ViewCameras(NamedTuple):
     """(N, 2): from the principal point to the middle of the picture, in its pixels."""
     exposure: Floats
     """(N,)"""
-    poses: DeviceTensor | NDArray[np.float32]
-    """Their world_from_view and view_from_world, (POSE_NUMBERS, N), or poses in a tensor of the device, of which a
-    shader makes these."""
+    matrices: DeviceTensor | NDArray[np.float32]
+    """Their world_from_view and view_from_world, (MATRIX_NUMBERS, N), or transforms in a tensor of the device, of which
+    a shader makes these."""
 
 
 def array(value: Any, what: str, *shapes: tuple[int, ...], where: str = "Batch.render") -> Floats:
@@ -118,8 +118,8 @@ def _each(function: Callable[[float], float], numbers: Floats) -> Floats:
 
 
 def camera_matrices(axes: Floats, origins: Floats, crossed: Floats, volume: Floats) -> NDArray[np.float32]:
-    """world_from_view and view_from_world (POSE_NUMBERS, N) of poses, of which `check_transforms` returned the rest;
-    glsl/scene/tensors/cameras.comp does the same."""
+    """world_from_view and view_from_world (MATRIX_NUMBERS, N) of transforms, of which `check_transforms` returned the
+    rest; glsl/scene/tensors/cameras.comp does the same."""
     made = np.empty((8, 3, len(volume)), np.float32)
     made[:3] = axes.swapaxes(0, 1)
     made[3] = origins
@@ -129,7 +129,7 @@ def camera_matrices(axes: Floats, origins: Floats, crossed: Floats, volume: Floa
     # The inverse moves the camera's origin to 0.
     moved = np.multiply(crossed, origins[:, None], out=crossed)
     made[7] = -moved[0] - moved[1] - moved[2]
-    return made.reshape(POSE_NUMBERS, -1)
+    return made.reshape(MATRIX_NUMBERS, -1)
 
 
 def read_cameras(records: NDArray[Any], cameras: Sequence[Camera], size: tuple[int, int]) -> ViewCameras:
@@ -137,8 +137,8 @@ def read_cameras(records: NDArray[Any], cameras: Sequence[Camera], size: tuple[i
     packed, begin = packing(records.dtype, FIELDS)
     memory = records.view(np.uint8).data
     count = len(cameras)
-    poses = np.zeros((POSE_NUMBERS, count), np.float32)
-    written = ViewCameras(records, [], {}, np.zeros((count, 2)), np.zeros((count, 2)), np.zeros(count), poses)
+    matrices = np.zeros((MATRIX_NUMBERS, count), np.float32)
+    written = ViewCameras(records, [], {}, np.zeros((count, 2)), np.zeros((count, 2)), np.zeros(count), matrices)
     for index, camera in enumerate(cameras):
         found = Projection.of(camera, size)
         jitter = map(sum, zip(found.jitter, found.principal_shift, strict=True))
@@ -152,8 +152,8 @@ def read_cameras(records: NDArray[Any], cameras: Sequence[Camera], size: tuple[i
             written.lenses.append(camera)
         if camera.aperture:
             written.apertures[index] = camera
-    poses[:12] = records["world_from_view"].reshape(count, 12).T
-    poses[12:] = records["view_from_world"].reshape(count, 12).T
+    matrices[:12] = records["world_from_view"].reshape(count, 12).T
+    matrices[12:] = records["view_from_world"].reshape(count, 12).T
     return written
 
 
@@ -195,8 +195,8 @@ def of_matrices(K: Floats, size: tuple[int, int]) -> tuple[Floats, Floats]:
 
 
 def camera_list(cameras: Any, views: int) -> list[Camera] | None:
-    """The cameras of a sequence of `Camera`, or None for an array of poses. Raises SolariError for a wrong count, and
-    for a mixture."""
+    """The cameras of a sequence of `Camera`, or None for an array of transforms. Raises SolariError for a wrong count,
+    and for a mixture."""
     if isinstance(cameras, Camera):
         cameras = [cameras]
     if not isinstance(cameras, (list, tuple)) or not any(isinstance(camera, Camera) for camera in cameras):
@@ -220,7 +220,7 @@ class CameraReader:
         self._plain: Mapping[str, Any] | None = None  # the same options, if all were single numbers
 
     def read(self, cameras: Any, options: Mapping[str, Any]) -> ViewCameras:
-        """Camera objects, an array of poses, or a tensor of them. options: fov, vertical_fov, K, near and ev100 of
+        """Camera objects, an array of transforms, or a tensor of them. options: fov, vertical_fov, K, near and ev100 of
         `Batch.render`; None for those that aren't set."""
         options = {name: value for name, value in options.items() if value is not None}
         found = camera_list(cameras, self._count)
@@ -228,15 +228,15 @@ class CameraReader:
             if options:
                 raise SolariError(f"Batch.render: Camera objects have their own {', '.join(options)}: leave it out")
             return read_cameras(np.zeros(self._count, self._dtype), found, self._size)
-        poses: DeviceTensor | NDArray[np.float32]
+        matrices: DeviceTensor | NDArray[np.float32]
         if isinstance(cameras, DeviceTensor):
-            poses = cameras
+            matrices = cameras
         else:
-            poses = camera_matrices(*check_transforms(array(cameras, "cameras", (self._count, 4, 4))))
-        return self._pinholes_of(options)._replace(poses=poses)
+            matrices = camera_matrices(*check_transforms(array(cameras, "cameras", (self._count, 4, 4))))
+        return self._pinholes_of(options)._replace(matrices=matrices)
 
     def _pinholes_of(self, options: Mapping[str, Any]) -> ViewCameras:
-        """Pinhole cameras with any poses: the latest, where they were made from the same numbers."""
+        """Pinhole cameras with any transforms: the latest, where they were made from the same numbers."""
         # Comparing single numbers is quicker than making arrays of them, which most frames need not do again.
         plain = all(type(value) in (int, float) for value in options.values())
         if plain and self._pinholes is not None and options == self._plain:
@@ -274,8 +274,8 @@ class CameraReader:
         records["lens"]["limit"] = UNLIMITED
         records["lens"]["reach"] = UNLIMITED
         exposure = _each(exposure_of, ev100)
-        no_poses = np.empty((0, count), np.float32)
-        return ViewCameras(records, [], {}, np.zeros((count, 2)), shift, exposure, no_poses)
+        no_matrices = np.empty((0, count), np.float32)
+        return ViewCameras(records, [], {}, np.zeros((count, 2)), shift, exposure, no_matrices)
 
     def _lenses_of(self, numbers: Mapping[str, Floats]) -> tuple[Floats, Floats]:
         """As `of_fov`, of what gives the lens: at most one of fov, vertical_fov and K."""

@@ -135,7 +135,7 @@ class WorldLights:
         sources["first_leaf"] += first["light_leaves"]
         sources["record_index"][:, :emitter_count] += (worlds * instance_rows).astype(np.uint32)[:, None]
         row = emitter_count
-        for kind in lights.others:
+        for kind in lights.lights_by_kind:
             records = lights.records(kind)
             name = str(kind.buffer)
             sources["record_index"][:, row : row + len(records)] += first[name]
@@ -168,7 +168,7 @@ class WorldLights:
 
 def _row_counts(lights: LightList) -> dict[str, int]:
     """The rows of each table."""
-    counts = {str(kind.buffer): len(lights.records(kind)) for kind in lights.others}
+    counts = {str(kind.buffer): len(lights.records(kind)) for kind in lights.lights_by_kind}
     return counts | {
         "light_sources": len(lights.ids),
         "light_leaves": lights.leaves.count,
@@ -302,7 +302,7 @@ class WorldLightLists:
         binder.add_feature(made.leaves.light_tree)
         # Lights keep their numbers when a list is made anew, by which frames find them again.
         listed: list[Instance | Light] = [emitter.instance for emitter in emitters]
-        for of_kind in made.others.values():
+        for of_kind in made.lights_by_kind.values():
             listed += of_kind
         ids = np.fromiter(map(self._id, listed), np.uint32, len(listed))
         rows = _rows_of(records, [emitter.instance for emitter in emitters])

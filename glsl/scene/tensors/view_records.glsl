@@ -5,7 +5,7 @@
 #include "scene/camera_records.glsl"
 #include "scene/tensors/numbers.glsl"
 
-// What changes seldom: cameras without poses and jitter, and frames without index, has_history and sample_jitter.
+// What changes seldom: cameras without matrices and jitter, and frames without index, has_history and sample_jitter.
 struct ViewInput {
     Camera camera;
     FrameValues frame;
@@ -19,8 +19,8 @@ layout(buffer_reference, scalar, buffer_reference_align = 4) readonly buffer Vie
 layout(buffer_reference, scalar, buffer_reference_align = 8) readonly buffer FrameOfViews {
     uint shared_values[3];  // the first ones of ViewsBlock in glsl/scene/camera_block.glsl
     uint index;
-    Floats poses;  // rows with a number for each view: world_from_view, then view_from_world
-    float rows[];  // the host's poses, jitter, sample_jitter, and 1 for views without history
+    Floats matrices;  // rows with a number for each view: world_from_view, then view_from_world
+    float rows[];  // the host's matrices, jitter, sample_jitter, and 1 for views without history
 };
 
 layout(push_constant, scalar) uniform Work {

@@ -10,7 +10,7 @@ const uint JITTER = 24u, SAMPLE_JITTER = 26u, CUT = 28u;  // rows
 
 vec3 pose_column(uint first, uint view) {
     vec3 column;
-    for (uint i = 0u; i < 3u; i++) { column[i] = work.frame.poses.at[(first + i) * work.count + view]; }
+    for (uint i = 0u; i < 3u; i++) { column[i] = work.frame.matrices.at[(first + i) * work.count + view]; }
     return column;
 }
 

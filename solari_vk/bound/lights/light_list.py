@@ -88,8 +88,8 @@ class LightList:
         return self.sources, self.info, self.leaves.table, self.leaves.tree, *self._records.values()
 
     @property
-    def others(self) -> dict[LightKind, list[Light]]:
-        """The other lights of each kind, which follow in this order."""
+    def lights_by_kind(self) -> dict[LightKind, list[Light]]:
+        """The lights of each kind that are no instances: behind the emissive instances, in this order."""
         return {kind: list(lights) for kind, lights in self._others.items()}
 
     def id_of(self, light: Instance | Light) -> int | None:
