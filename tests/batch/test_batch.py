@@ -412,7 +412,7 @@ def test_wrong_input_is_named(three, arguments, said):
 
 def test_wrong_options_are_named(device, binder, three):
     limit = device.properties.limits.maxStorageBufferRange
-    most, records = limit // 12 // (64 * 64), limit // three._layout.element.itemsize
+    most, records = limit // 12 // (64 * 64), limit // three._views_binding.element.itemsize
     for options, said in (
         ({"renderer": "real"}, "renderer is one of labels, reference, realtime"),
         ({"seed": 4}, "renderer='labels' has no option 'seed'"),
