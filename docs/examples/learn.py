@@ -1,5 +1,4 @@
 """Random pictures, and a small network that learns on the CPU where the block is in them. `python learn.py`."""
-
 import json
 from pathlib import Path
 
@@ -11,13 +10,8 @@ import solari_vk as sv
 from solari_vk.cli import main
 
 FILES = {"labels": {"short block": "block"}, "cameras": [sv.builtin("cornell_box").camera.pose()] * 120}
-FILES["randomize"] = {
-    "materials": {"block": {"base_color": [[0.1, 0.1, 0.1], [1, 1, 1]]}},
-    "instances": {
-        "short block": {"offset": [[-0.2, 0, -0.1], [0.9, 0, 0.9]], "turn": [0, 360]},
-        "tall block": {"visible": False},
-    },
-}
+FILES["randomize"] = {"materials": {"block": {"base_color": [[0.1, 0.1, 0.1], [1, 1, 1]]}}, "instances": {
+    "short block": {"offset": [[-0.2, 0, -0.1], [0.9, 0, 0.9]], "turn": [0, 360]}, "tall block": {"visible": False}}}
 
 
 class Places(sv.Views):  # pictures, and where the block's center is in them, in pixels

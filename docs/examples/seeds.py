@@ -25,7 +25,5 @@ if __name__ == "__main__":
         found, independent = pictures(device, sv.builtin("cornell_box"), range(16))
     np.save("seeds.npy", found)
     measured = (found @ LUMINANCE).var(axis=0, ddof=1)
-    print(
-        f"standard deviation of a pixel: {np.sqrt(measured.mean()):.4f}, "
-        f"{np.sqrt(independent.mean()):.4f} of independent samples"
-    )
+    print(f"standard deviation of a pixel: {np.sqrt(measured.mean()):.4f}, "
+          f"{np.sqrt(independent.mean()):.4f} of independent samples")

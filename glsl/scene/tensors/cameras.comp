@@ -1,5 +1,5 @@
-// Makes matrices of a tensor's transforms for views.comp, as camera_matrices of solari_vk/batch/view_cameras.py makes them:
-// the same operations in the same order on doubles.
+// Makes matrices of a tensor's transforms for views.comp, as camera_matrices of solari_vk/batch/view_cameras.py makes
+// them: the same operations in the same order on doubles.
 #version 460
 #include "scene/tensors/matrices.glsl"
 
