@@ -167,7 +167,9 @@ def shader_of(name: str) -> str:
 @functools.cache
 def shaders() -> dict[str, str]:
     """The texts of all shaders, and of what declares buffers in Python, by their files below the top folder."""
-    files = (path for path in sorted((ROOT / "glsl").rglob("*")) if path.is_file())
+    # Building a wheel leaves compiled modules beside the sources, and shipped.json, their list.
+    sources = (path for path in sorted((ROOT / "glsl").rglob("*")) if path.suffix not in (".spv", ".json"))
+    files = filter(Path.is_file, sources)
     texts = {path.relative_to(ROOT).as_posix(): path.read_text("utf-8") for path in files}
     return texts | {"solari_vk/passes/first_hits.py": first_hits.glsl_header()}
 
