@@ -3,7 +3,7 @@
 // A row is DO(its name, its type seen from a direction, its parameters, those of a material without it, the scene
 // feature that it needs, the type of its bits in the G-buffer). Each lobe's file ends with the functions that the loops
 // call, which have the same names for all lobes and are told apart by the types of their arguments. A new lobe is a
-// file and a row.
+// file and a row here; a new layer also has its place in both orders below.
 #ifndef SCENE_LOBES_LIST_GLSL
 #define SCENE_LOBES_LIST_GLSL
 
@@ -12,7 +12,8 @@
 #include "scene/lobes/glass.glsl"
 #include "scene/lobes/sheen.glsl"
 
-// Layers lie over all other lobes. Only the topmost may be a mirror.
+// Layers lie over all other lobes, the first at the top. Only the topmost may be a mirror, since nothing takes from the
+// light of a mirror what layers above it reflect.
 #define LAYER_1(DO) DO(coat, Coat, CoatParameters, NO_COAT, SCENE_LAYERS, uvec2)
 #define LAYER_2(DO) DO(sheen, Sheen, SheenParameters, NO_SHEEN, SCENE_LAYERS, uint)
 #define LAYERS(DO) LAYER_1(DO) LAYER_2(DO)
