@@ -11,7 +11,7 @@
 
 layout(set = 0, scalar) restrict readonly buffer ViewsBlock {
     uint columns;      // of the grid of all views; 1: a strip
-    uint world_parts;  // of the world cache: a power of two, at least the number of worlds
+    uint cache_partitions;  // of the world cache: a power of two, at least the number of worlds
     uint has_own_lights;  // 1: each world has a record in scene_infos; 0: all have the first one
     vec3 ball_center;  // of a ball around all cameras
     float ball_radius;

@@ -11,10 +11,10 @@ from numpy.typing import ArrayLike, NDArray
 from solari_vk.base.errors import SolariError, checked_keywords
 from solari_vk.batch import view_cameras
 from solari_vk.batch.batch_renderers import BatchPathTracer, BatchRenderer, WorldBindings
-from solari_vk.batch.many_frames import WHERE as MANY
+from solari_vk.batch.many_frames import WHERE as RENDER_MANY
 from solari_vk.batch.many_frames import FrameResults, accept_cameras, cameras_of, resets_of, seeds_of, transforms_of
 from solari_vk.batch.options import (
-    LIGHT,
+    RADIANCE_NAMES,
     check_realtime,
     checked_flag,
     checked_mask,
@@ -98,7 +98,7 @@ class Batch(BatchResults):
             self._strip = self.size[0], self.size[1] * self.views
             self._rows = reference.rows_of(self._strip, passes.MAX_PIXELS)
             self._labels_names = names
-            self._names = (*LIGHT[renderer], *names)
+            self._names = (*RADIANCE_NAMES[renderer], *names)
             self._owned.callback(self._close_many)
             # The scene must be on the device before worlds copy its records.
             self.binder.update()
@@ -262,8 +262,8 @@ class Batch(BatchResults):
         """
         self._check_open()
         self._check_tensors()
-        frames = whole_number(frames, f"{MANY}: frames", 1)
-        names = checked_results(self._names if outputs is None else outputs, self._names, MANY, "result")
+        frames = whole_number(frames, f"{RENDER_MANY}: frames", 1)
+        names = checked_results(self._names if outputs is None else outputs, self._names, RENDER_MANY, "result")
         sample_count = self._checked_samples(samples)
         clears_cache = checked_flag(reset_cache, "reset_cache")
         moves = transforms_of(frames, self._worlds, transforms)

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from solari_vk.base.errors import SolariError
 from solari_vk.batch.light_changes import LightChanges, LightState
-from solari_vk.batch.view_buffer import ViewBuffer, samples_of
+from solari_vk.batch.view_buffer import ViewBuffer, sample_fields
 from solari_vk.batch.view_cameras import ViewCameras
 from solari_vk.batch.worlds import Worlds
 from solari_vk.bound.binder import SceneBinder
@@ -33,7 +33,7 @@ class WorldBindings:
 
     def __init__(self, worlds: Worlds) -> None:
         self.worlds = worlds
-        self._version = worlds.version  # of the resources that the frame has
+        self._version = worlds.bindings_version  # of the resources that the frame has
 
     def show(self, frame: SceneFrame) -> None:
         """Have a frame, which has the scene's edits already, show what the worlds are now."""
@@ -61,7 +61,7 @@ class BatchPathTracer(PathTracer):
 
     @property
     def _dark_scenes(self) -> list[Scene]:
-        return [] if self._worlds.lit else super()._dark_scenes
+        return [] if self._worlds.may_add_light else super()._dark_scenes
 
     def _stages(self, size: Size) -> list[Stage]:
         return over_views(super()._stages(size))
@@ -128,7 +128,7 @@ class BatchRenderer(Renderer):
 
     @property
     def _dark_scenes(self) -> list[Scene]:
-        return [] if self._worlds.lit else super()._dark_scenes
+        return [] if self._worlds.may_add_light else super()._dark_scenes
 
     @property
     def gbuffer(self) -> str:
@@ -172,7 +172,7 @@ class BatchRenderer(Renderer):
     ) -> None:
         """Render the next frame. reset, (N,) or one for all: views without a history. keeps_cache: whether the world
         cache is that of earlier frames."""
-        self._bends_rays = bool(cameras.lenses)
+        self._needs_traced_camera = bool(cameras.lenses)
         self._prepare()
         self._bindings.show(self._frame)
         states = self._worlds.light_states or [LightState.of(self.binder.lights)]
@@ -213,7 +213,7 @@ class BatchRenderer(Renderer):
         """Write what changes seldom. blended: whether blended instances of each world, or of all, have changed."""
         views = self.views
         size = self._built_render_size
-        samples = samples_of(cameras, self.size, size, self.frame_count, seeds)
+        samples = sample_fields(cameras, self.size, size, self.frame_count, seeds)
         views.write_cameras(cameras, samples)
         self._worlds.assign_views(views)
         frame = views.records["frame"]

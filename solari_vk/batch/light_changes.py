@@ -12,12 +12,12 @@ from numpy.typing import NDArray
 
 from solari_vk.bound.lights.index_translation import CHANGE_DECAY, MIN_CHANGE, share_changed, share_moved
 from solari_vk.bound.lights.light_list import LightList
-from solari_vk.bound.lights.recent_changes import MOST, RECORD, RecentChanges
+from solari_vk.bound.lights.recent_changes import MAX_CHANGED_LIGHTS, RECORD, RecentChanges
 from solari_vk.gpu.device.buffer import Buffer
 from solari_vk.gpu.device.device import Device
 
 # ChangedLights in glsl/passes/light_change.glsl.
-WORLD = np.dtype([("count", "<u4"), ("at", RECORD, MOST), ("fraction", "<f4")])
+WORLD = np.dtype([("count", "<u4"), ("at", RECORD, MAX_CHANGED_LIGHTS), ("fraction", "<f4")])
 
 
 class LightState(NamedTuple):

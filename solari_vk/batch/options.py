@@ -26,7 +26,7 @@ OPTIONS = {
     "realtime": ["settings", "seed"],
 }
 # The results of each renderer beside the outputs.
-LIGHT = {"labels": (), "reference": ("radiance",), "realtime": ("radiance", "raw_radiance", "display")}
+RADIANCE_NAMES = {"labels": (), "reference": ("radiance",), "realtime": ("radiance", "raw_radiance", "display")}
 
 
 def checked_mask(reset: Any, views: int) -> NDArray[np.bool_]:

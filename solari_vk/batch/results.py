@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from solari_vk.base.errors import Hints, SolariError, unknown_name
 from solari_vk.batch.batch_renderers import BatchPathTracer, BatchRenderer
 from solari_vk.batch.many_frames import FrameResults, Result
-from solari_vk.batch.options import LIGHT
+from solari_vk.batch.options import RADIANCE_NAMES
 from solari_vk.bound.binder import SceneBinder
 from solari_vk.gpu.device.buffer import Buffer
 from solari_vk.gpu.device.device import Device
@@ -129,9 +129,9 @@ class BatchResults(Hints):
             raise unknown_name("Batch: there is no result", name, self._names)
         if not self._rendered:
             raise SolariError(f"Batch: render before asking for '{name}'")
-        if self._realtime is not None and name in LIGHT["realtime"]:
+        if self._realtime is not None and name in RADIANCE_NAMES["realtime"]:
             return self._realtime.frame, name
-        if self._paths is not None and name in LIGHT["reference"]:
+        if self._paths is not None and name in RADIANCE_NAMES["reference"]:
             return self._paths.frame, "radiance_mean"
         assert self._labels is not None
         return self._labels, f"aov_{name}"

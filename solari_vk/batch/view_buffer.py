@@ -28,7 +28,7 @@ from solari_vk.gpu.tensors.port import POSE_RULE, Dispatch, TensorPort, rule
 
 # What all views share: the fields of FrameOfViews in glsl/scene/tensors/view_records.glsl before its rows.
 SHARED = np.dtype(
-    [("columns", "u4"), ("world_parts", "u4"), ("has_own_lights", "u4"), ("index", "u4"), ("matrices", "u8")]
+    [("columns", "u4"), ("cache_partitions", "u4"), ("has_own_lights", "u4"), ("index", "u4"), ("matrices", "u8")]
 )
 _WORLD = [("world", "u4"), ("first_instance", "u4")]
 # The rows that follow, each with a number of every view: the matrices, 4 offsets, and whether the view is reset.
@@ -39,7 +39,7 @@ _ROWS = MATRIX_NUMBERS + 5
 
 class ViewBuffer:
     """The records of a batch's views on the device, for one of its frames. columns: of the grid of their pictures.
-    world_parts: of the world cache, which wants the ball around the cameras; 0 without one."""
+    cache_partitions: of the world cache, which wants the ball around the cameras; 0 without one."""
 
     def __init__(
         self,
@@ -48,7 +48,7 @@ class ViewBuffer:
         views_binding: Binding,
         count: int,
         columns: int = 1,
-        world_parts: int = 0,
+        cache_partitions: int = 0,
     ) -> None:
         assert views_binding.element is not None
         self._device = device
@@ -76,12 +76,12 @@ class ViewBuffer:
         self.offsets = rows[_OFFSETS:_RESET].reshape(2, 2, count)
         """Camera.jitter and FrameValues.sample_jitter by x and y (2, 2, N), kept from frame to frame."""
         self.shared["columns"] = columns
-        self.shared["world_parts"] = world_parts
+        self.shared["cache_partitions"] = cache_partitions
         with device.undone_on_error():
             self.buffer = device.buffer(self._begin + count * views_binding.element.itemsize, "views")
             self.buffer.fill()
             self._steps = [(Kernel(device, "scene/tensors/views.comp"), count)]
-            if world_parts:
+            if cache_partitions:
                 self._steps.append((Kernel(device, "scene/tensors/views_ball.comp"), 1))
             self._inputs = Mirror(device, self.records.view(np.uint8), "rare changes of views")
             self._frame = Mirror(device, memory, "frame of views", self._record)
@@ -112,8 +112,8 @@ class ViewBuffer:
         return self._written
 
     def write_cameras(self, cameras: ViewCameras, samples: Mapping[str, Any] | None = None) -> None:
-        """Write the records of cameras, with the fields that differ in samples, such as `samples_of` returns, and with
-        their own jitter."""
+        """Write the records of cameras, with the fields that samples change, such as `sample_fields` returns, and
+        with their own jitter."""
         now = self.records["camera"]
         if cameras.records is not self._cameras:
             self._bytes[:] = cameras.records.view(np.uint8).reshape(self._bytes.shape)
@@ -165,7 +165,7 @@ class ViewBuffer:
                 owned.destroy()
 
 
-def samples_of(
+def sample_fields(
     cameras: ViewCameras, size: tuple[int, int], render_size: tuple[int, int], frame: int, seeds: NDArray[np.uint32]
 ) -> dict[str, Any]:
     """The fields of records (N,) of what is rendered for pictures of this size, and of apertures whose points are those

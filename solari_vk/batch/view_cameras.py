@@ -255,7 +255,7 @@ class CameraReader:
         count = self._count
         near = np.broadcast_to(numbers.pop("near", np.float64(DEFAULTS.near)), count)
         ev100 = np.broadcast_to(numbers.pop("ev100", np.float64(DEFAULTS.ev100)), count)
-        half, shift = self._lenses_of(numbers)
+        half, shift = self._intrinsics_of(numbers)
         check_all(
             (near >= 1e-9) & (near <= checks.LARGEST_COORDINATE),
             f"lie between 1e-9 and {checks.LARGEST_COORDINATE:g} m",
@@ -277,7 +277,7 @@ class CameraReader:
         no_matrices = np.empty((0, count), np.float32)
         return ViewCameras(records, [], {}, np.zeros((count, 2)), shift, exposure, no_matrices)
 
-    def _lenses_of(self, numbers: Mapping[str, Floats]) -> tuple[Floats, Floats]:
+    def _intrinsics_of(self, numbers: Mapping[str, Floats]) -> tuple[Floats, Floats]:
         """As `of_fov`, of what gives the lens: at most one of fov, vertical_fov and K."""
         if len(numbers) > 1:
             raise SolariError(f"Batch.render: give one of {', '.join(numbers)}")

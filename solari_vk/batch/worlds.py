@@ -39,7 +39,7 @@ class Worlds:
     def __init__(self, device: Device, binder: SceneBinder, count: int, port: TensorPort) -> None:
         self.count = count
         self.port = port
-        self.version = 0  # of `resources`: frames bind them again when it has changed
+        self.bindings_version = 0  # of `resources`: frames bind them again when it has changed
         self.overrides = None if binder.has_many_scenes else WorldOverrides(binder, count)
         """None where each world shows a scene of its own."""
         self._device = device
@@ -114,7 +114,7 @@ class Worlds:
         return self._lights.states if self._lights.tables else None
 
     @property
-    def lit(self) -> bool:
+    def may_add_light(self) -> bool:
         """Whether a world may have light that its scene lacks: a light, or an unlit material, of its own."""
         if self.overrides is None:
             return False
@@ -144,7 +144,7 @@ class Worlds:
             tlas = self._binder.tlas
             assert tlas is not None
             self._structures.set_addresses([tlas.current.address, (tlas.previous or tlas.current).address])
-            return self.version
+            return self.bindings_version
         is_new = not self._is_current or self._scenes_differ()
         if self.overrides is None:
             if is_new:
@@ -152,13 +152,13 @@ class Worlds:
         elif is_new or self.overrides.changed:
             self._show_overrides(self.overrides, is_new)
         self._share_lights()
-        return self.version
+        return self.bindings_version
 
     def _scenes_differ(self) -> bool:
         """Whether a scene was edited so that its records differ from those that were written."""
-        if self._seen_revision == self._binder.revision:
+        if self._seen_revision == self._binder.scene_revision:
             return False
-        self._seen_revision = self._binder.revision
+        self._seen_revision = self._binder.scene_revision
         return any(self._written.get(records) != records.record_revision for records in self._worlds_of)
 
     def _show_scenes(self) -> None:
@@ -234,7 +234,7 @@ class Worlds:
                 self._buffers.pop(name).destroy()
         if shared != self._shared:
             self._shared = shared
-            self.version += 1
+            self.bindings_version += 1
 
     # ---- instances and their structures -------------------------------------------------------------
 
@@ -359,7 +359,7 @@ class Worlds:
         before = self._buffers.get(name)
         self._buffers[name] = uploaded(self._device, before, records, name)
         if self._buffers[name] is not before:
-            self.version += 1
+            self.bindings_version += 1
 
     def destroy(self) -> None:
         if self.overrides is not None:

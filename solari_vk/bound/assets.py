@@ -55,7 +55,7 @@ class Assets:
             return self.geometry.accept_tensors(item, fields)
         if isinstance(item, TextureImage):
             # Whether instances are opaque depends on alpha.
-            return None if self.materials.users_of_image(item) else self.textures.accept_tensors(item, fields)
+            return None if self.materials.alpha_users_of(item) else self.textures.accept_tensors(item, fields)
         return self.materials.accept_tensors(item, fields) if isinstance(item, Material) else None
 
     @property

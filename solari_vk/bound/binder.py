@@ -44,9 +44,9 @@ class SceneBinder:
     """
 
     def __init__(self, device: Device, scene: Scene | Sequence[Scene]) -> None:
-        self.version = 0
+        self.bindings_version = 0
         """Counts the changes after which frames must bind the resources again: other buffers, or a new feature."""
-        self.revision = 0
+        self.scene_revision = 0
         """Counts the updates that applied edits of a scene."""
         self.has_many_scenes = not isinstance(scene, Scene)
         """Whether each world has a scene of its own: the binder was made of a list."""
@@ -220,7 +220,7 @@ class SceneBinder:
         self._device.check_open()
         self.tensors.check()
         if self.tlas is not None:
-            self.version += self.tlas.keep_previous(bool(self._previous_users))
+            self.bindings_version += self.tlas.keep_previous(bool(self._previous_users))
         key = self if renderer is None else renderer
         if not self._is_current or any(records.changed for records in self._all_records):
             self._apply_changes(renderer)
@@ -229,12 +229,12 @@ class SceneBinder:
             if self.tlas is not None and key in self._up_to_date:
                 self.tlas.rebuild()
         self._up_to_date.add(key)
-        self.assets.geometry.posed.mark_seen(renderer, self.revision)
+        self.assets.geometry.posed.mark_seen(renderer, self.scene_revision)
 
     def _apply_changes(self, renderer: Any) -> None:
         self._is_current = False
         self._up_to_date = weakref.WeakSet()
-        self.revision += 1
+        self.scene_revision += 1
         try:
             self._update_records(renderer)
             self._count_features()
@@ -252,9 +252,9 @@ class SceneBinder:
         for records in self._all_records:
             records.apply_changes()
         # Materials name rows of textures, and instances those of meshes and materials, which must be up to date before.
-        with_other_structures = assets.geometry.update(self.revision)
+        with_other_structures = assets.geometry.update(self.scene_revision)
         assets.geometry.posed.set_previous_positions(renderer)
-        self.version += assets.textures.update()
+        self.bindings_version += assets.textures.update()
         assets.materials.update()
         for records in self._all_records:
             records.write(with_other_structures)
@@ -262,17 +262,17 @@ class SceneBinder:
     def _count_features(self) -> None:
         if self.features != self._counted_features:
             self._counted_features = self.features
-            self.version += 1
+            self.bindings_version += 1
 
     def _upload(self) -> None:
         """Copy the tables' changes and build the TLAS, before the next submission."""
         if self.tlas is not None:
-            self.version += self.tlas.make_room()
+            self.bindings_version += self.tlas.make_room()
         else:
             for records in self._all_records:
                 records.write_for_worlds()
         # Poses read the uploaded tables, and the TLAS is built over the structures that poses refit.
-        self.version += self.assets.upload(self._tables)
+        self.bindings_version += self.assets.upload(self._tables)
         self.assets.geometry.posed.submit()
         if self.tlas is not None:
             structures = self.assets.geometry.structures
@@ -283,7 +283,7 @@ class SceneBinder:
         """After an error, have the next update apply the same changes and upload everything."""
         for records in self._all_records:
             records.retry()
-        self.version += 1  # buffers may be other ones by now
+        self.bindings_version += 1  # buffers may be other ones by now
         for table in self._tables:
             table.mark_all()
         if self.tlas is not None:

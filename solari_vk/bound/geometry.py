@@ -18,7 +18,7 @@ from solari_vk.bound.mesh_tensors import MeshTensors
 from solari_vk.bound.posed_mesh import PosedMesh
 from solari_vk.bound.scene_poses import ScenePoses
 from solari_vk.bound.spatial_order import spatial_order
-from solari_vk.bound.table import Slots, Table, content_of
+from solari_vk.bound.table import RowAllocator, Table, content_of
 from solari_vk.gpu.acceleration.blas import Blas
 from solari_vk.gpu.acceleration.geometry import TriangleGeometry
 from solari_vk.gpu.device.buffer import Buffer
@@ -42,8 +42,8 @@ class Geometry:
     ) -> None:
         self.table = Table(device, "meshes", block_dtypes["meshes"])
         self.posed = ScenePoses(device, block_dtypes, self.table)
-        self.rows: Slots[DeviceMesh] = Slots()
-        self._ray_users: Slots[DeviceMesh] = Slots()
+        self.rows: RowAllocator[DeviceMesh] = RowAllocator()
+        self._ray_users: RowAllocator[DeviceMesh] = RowAllocator()
         self._posed_meshes: dict[tuple[Mesh, Instance], PosedMesh] = {}
         self._attributes = block_dtypes["vertex_attributes"]
         self.tensors = MeshTensors(device, port, self.table, self.rows, self._attributes)
@@ -53,7 +53,7 @@ class Geometry:
         self._watcher = watcher
         self._buffers: dict[Mesh, Buffer] = {}
         # Meshes with equal arrays share a buffer. An edited mesh has a content of its own, equal to no other.
-        self._contents: Slots[Hashable] = Slots()
+        self._contents: RowAllocator[Hashable] = RowAllocator()
         self._content_of: dict[Mesh, Hashable] = {}
         self._uploaded: dict[Mesh, dict[str, Any]] = {}  # the mesh's arrays at its upload, if nothing failed
         self.centers: dict[DeviceMesh, NDArray[np.float32]] = {}
@@ -152,7 +152,7 @@ class Geometry:
 
         revision: of the scene. Returns the instances that have other acceleration structures now.
         """
-        self.table.reserve(self.rows.limit)
+        self.table.reserve(self.rows.high_water_mark)
         users = self._update_meshes(revision) if self._to_upload else []
         for device_mesh in self.posed.update(revision, self.rows.__getitem__, self._packed):
             record = self.table.records[self.rows[device_mesh]]
@@ -173,7 +173,7 @@ class Geometry:
         return self.tensors.accept(mesh, fields)
 
     def box(self, device_mesh: DeviceMesh) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-        """The center and half the size of a mesh's bounds, which of vertices of tensors are read by the host."""
+        """The center and half the size of a mesh's bounds, which of vertices in tensors are read by the host."""
         if device_mesh in self.tensors:
             assert isinstance(device_mesh, Mesh)
             self._set_bounds(device_mesh, *_bounds(device_mesh.positions[device_mesh.triangles]))
@@ -239,7 +239,7 @@ class Geometry:
         self.structures.forget_tensors(mesh)
 
     def _write_tensors(self, mesh: Mesh, tensors: dict[str, DeviceTensor], revision: int) -> None:
-        """Have a mesh in memory of its own, which is a copy of the earlier one but for the vertices of tensors."""
+        """Have a mesh in memory of its own, which is a copy of the earlier one but for the vertices in tensors."""
         target = self.tensors.write(mesh, self._buffers[mesh], tensors)
         self._replace_buffer(mesh, object(), target, revision, self.posed.is_seen and "positions" in tensors)
 

@@ -19,7 +19,7 @@ from solari_vk.bound.constants import (
 )
 from solari_vk.bound.features import Features
 from solari_vk.bound.material_tensors import MaterialTensors
-from solari_vk.bound.table import Slots, Table
+from solari_vk.bound.table import RowAllocator, Table
 from solari_vk.bound.texture_table import TextureTable
 from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.tensors.imports import DeviceTensor
@@ -44,7 +44,7 @@ class MaterialTable:
         port: TensorPort,
     ) -> None:
         self.table = Table(device, "materials", record)
-        self.rows: Slots[Material] = Slots()
+        self.rows: RowAllocator[Material] = RowAllocator()
         self.emitting: set[Material] = set()
         """The materials that emit light, as of the last `update`."""
         self._textures = textures
@@ -106,7 +106,7 @@ class MaterialTable:
                 found += self.rows.users(material)
         return found
 
-    def users_of_image(self, changed: Texture | TextureImage) -> list[Instance]:
+    def alpha_users_of(self, changed: Texture | TextureImage) -> list[Instance]:
         """The instances whose alpha depends on a texture or an image."""
         found: list[Instance] = []
         for material in self.rows:
@@ -134,7 +134,7 @@ class MaterialTable:
 
     def update(self) -> None:
         """Write the records of new and changed materials; their textures must have rows."""
-        self.table.reserve(self.rows.limit)
+        self.table.reserve(self.rows.high_water_mark)
         for material in self._to_write:
             # The host reads the tensors of a material that is new here.
             tensors = self._tensors.tensors_of(material) if material in self._written else {}
@@ -175,7 +175,7 @@ class MaterialTable:
         self.table.mark([row])
 
     def write_tensors(self, uploaded: Set[int]) -> None:
-        """Have numbers of tensors in the records that have other ones, or were uploaded without them."""
+        """Have numbers in tensors in the records that have other ones, or were uploaded without them."""
         rows = self._other_tensors | uploaded
         if rows:
             self._tensors.write(

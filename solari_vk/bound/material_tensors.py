@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from solari_vk.bound.constants import MATERIAL_FIELDS
-from solari_vk.bound.table import Slots, Table, upload_tables
+from solari_vk.bound.table import RowAllocator, Table, upload_tables
 from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.tensors.imports import DeviceTensor
 from solari_vk.gpu.tensors.port import LAST_INDEX, Dispatch, TensorPort
@@ -34,14 +34,14 @@ NUMBER = np.dtype(
 
 
 class MaterialTensors:
-    """Writes numbers of tensors to the records of materials. table, rows: the records, and whose they are."""
+    """Writes numbers in tensors to the records of materials. table, rows: the records, and whose they are."""
 
-    def __init__(self, device: Device, port: TensorPort, table: Table, rows: Slots[Material]) -> None:
+    def __init__(self, device: Device, port: TensorPort, table: Table, rows: RowAllocator[Material]) -> None:
         self._device = device
         self._port = port
         self._table = table
         self._rows = rows
-        self._list = Table(device, "numbers of tensors", NUMBER)
+        self._list = Table(device, "numbers in tensors", NUMBER)
 
     def accept(self, material: Material, fields: Mapping[str, Any], has_layers: bool) -> dict[str, DeviceTensor] | None:
         """Tensors of numbers that only shaders need; None for what the host must read. has_layers: the scene's shaders
@@ -58,7 +58,7 @@ class MaterialTensors:
         return {name: tensor for name, tensor in material._tensors.items() if self._port.owns(tensor)}
 
     def write(self, materials: Mapping[Material, Mapping[str, DeviceTensor]]) -> None:
-        """Write the numbers of tensors to the records just before the next submission. A number out of its limits is
+        """Write the numbers in tensors to the records just before the next submission. A number out of its limits is
         not written: the record keeps the earlier one, and a later call raises SolariError."""
         numbers = []
         for material, tensors in materials.items():

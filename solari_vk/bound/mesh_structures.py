@@ -1,4 +1,4 @@
-"""The acceleration structures of meshes: equal ones share theirs, and those with vertices of tensors have two each."""
+"""The acceleration structures of meshes: equal ones share theirs, and those with vertices in tensors have two each."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from collections.abc import Container, Hashable, Mapping
 from typing import Any
 
 from solari_vk.bound.mesh_tensors import MeshTensors
-from solari_vk.bound.table import Slots
+from solari_vk.bound.table import RowAllocator
 from solari_vk.gpu.acceleration.blas import Blas
 from solari_vk.gpu.acceleration.blas_builds import build_blases
 from solari_vk.gpu.acceleration.geometry import TriangleGeometry
@@ -19,13 +19,13 @@ any-hit shaders run once for each triangle that a ray meets."""
 
 
 class MeshStructures:
-    """tensors: the meshes with vertices of tensors."""
+    """tensors: the meshes with vertices in tensors."""
 
     def __init__(self, device: Device, tensors: MeshTensors) -> None:
         self._device = device
         self._tensors = tensors
         self._built: dict[Build, Blas] = {}
-        self._builds: Slots[Build] = Slots()  # whose users share a structure
+        self._builds: RowAllocator[Build] = RowAllocator()  # whose users share a structure
         self._build_of: dict[Mesh, Build] = {}
         self.all_alive = True
         """Whether no structure was destroyed since this was last set: the TLAS of the previous frame may name it."""
@@ -33,7 +33,7 @@ class MeshStructures:
     def build(
         self, traced: Mapping[Mesh, TriangleGeometry], builds: Mapping[Mesh, Build], moved: Container[Mesh]
     ) -> dict[Any, Blas]:
-        """The structures of meshes. builds: of those without vertices of tensors. moved: have other positions."""
+        """The structures of meshes. builds: of those without vertices in tensors. moved: have other positions."""
         new = {build: mesh for mesh, build in builds.items() if build not in self._built}
         with self._device.undone_on_error():
             made = {build: Blas(self._device, [traced[mesh]], name=mesh.name or "mesh") for build, mesh in new.items()}

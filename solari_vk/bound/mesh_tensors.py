@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from solari_vk.bound.mesh_parts import ADDRESSES
-from solari_vk.bound.table import Slots, Table
+from solari_vk.bound.table import RowAllocator, Table
 from solari_vk.gpu.acceleration.blas import Blas
 from solari_vk.gpu.acceleration.blas_builds import BlasBuild, submit_batch
 from solari_vk.gpu.acceleration.geometry import TriangleGeometry
@@ -30,7 +30,7 @@ CORNERS_OF_GROUP = 1024
 
 
 class TensorMesh:
-    """What a mesh with vertices of tensors has for itself. Its structures alternate, as those of poses."""
+    """What a mesh with vertices in tensors has for itself. Its structures alternate, as those of poses."""
 
     def __init__(self, boxes: Buffer) -> None:
         self.boxes = boxes
@@ -46,11 +46,11 @@ class TensorMesh:
 
 
 class MeshTensors:
-    """The meshes of a scene that have vertices of tensors. rows: of meshes in the table, whose records have the bounds
+    """The meshes of a scene that have vertices in tensors. rows: of meshes in the table, whose records have the bounds
     as their last fields. attributes: the layout of VertexAttributes."""
 
     def __init__(
-        self, device: Device, port: TensorPort, table: Table, rows: Slots[Any], attributes: np.dtype[Any]
+        self, device: Device, port: TensorPort, table: Table, rows: RowAllocator[Any], attributes: np.dtype[Any]
     ) -> None:
         self._device = device
         self._port = port
@@ -73,7 +73,7 @@ class MeshTensors:
         return changed.keys() <= set(Mesh._tensor_fields) and all(map(self._port.owns, changed.values()))
 
     def write(self, mesh: Mesh, source: Buffer, tensors: Mapping[str, DeviceTensor]) -> Buffer:
-        """Returns new memory of a mesh: a copy of the earlier one, with the vertices of tensors. The record of the mesh
+        """Returns new memory of a mesh: a copy of the earlier one, with the vertices in tensors. The record of the mesh
         gets the new addresses, if nothing fails."""
         record = self._table.records[self._rows[mesh]].copy()
         with ExitStack() as undo:
@@ -146,7 +146,7 @@ class MeshTensors:
                 boxes.record_copy(commands, self._table.buffer.handle, size=BOX.itemsize, begin=place)
             self._device.vk.vkCmdPipelineBarrier2(commands, full_barrier())
 
-        self._device.start_with_next(record, "bounds of meshes of tensors")
+        self._device.start_with_next(record, "bounds of meshes with tensors")
 
     def structures(self, geometries: Mapping[Mesh, TriangleGeometry], moved: Container[Mesh]) -> dict[Mesh, Blas]:
         """The structures of meshes. moved: those that have other positions than at the latest call."""

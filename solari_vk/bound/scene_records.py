@@ -15,7 +15,7 @@ from solari_vk.bound.constants import NO_INDEX, WITHOUT_BLEND, WITHOUT_DISPERSIO
 from solari_vk.bound.geometry import DeviceMesh
 from solari_vk.bound.lights.emissive_meshes import Emission, Emissions
 from solari_vk.bound.lights.light_list import LightList, Position
-from solari_vk.bound.table import MakeTable, Slots
+from solari_vk.bound.table import MakeTable, RowAllocator
 from solari_vk.bound.traced_instances import TracedRecords
 from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.tensors.imports import DeviceTensor
@@ -39,11 +39,11 @@ class SceneRecords:
         self.lights = lights  # as of the latest `write`
         self.traced = TracedRecords(table)
         self.instance_table = table("instances", assets.block_dtypes["instances"], INSTANCE)
-        self.instance_rows: Slots[Instance] = Slots()  # of instance_table
+        self.instance_rows: RowAllocator[Instance] = RowAllocator()  # of instance_table
         self.emissions = Emissions(device, assets.block_dtypes["light_leaves"]["by_power"])
         self.absent_features = WITHOUT_BLEND | WITHOUT_DISPERSION
         """Flags of the features that no instance of the scene has had so far, such as WITHOUT_BLEND."""
-        self.revision = 0
+        self._was_written = False
         """Counts the updates that changed something in the scene."""
         self.record_revision = 0
         """Counts those that may have changed records of instances or lights. A texture's count if it has alpha or
@@ -102,9 +102,9 @@ class SceneRecords:
         """Write the records of what has changed, and of instances, some of the scene, that have other acceleration
         structures now."""
         self._write_later(users)
-        if self.revision and not (self._applied or self._to_write):
+        if self._was_written and not (self._applied or self._to_write):
             return
-        self.revision += 1
+        self._was_written = True
         # Texels, and numbers of materials in tensors, stand in no record of an instance: worlds need no new copies
         # then.
         if self._records_change or self._to_write:
@@ -195,7 +195,7 @@ class SceneRecords:
         self._assets.textures.mark_changed(item)
         emitters = self.emissions.drop_edited(item)
         self._records_change |= len(emitters) > 0  # worlds of a batch have emitters of their own
-        self._write_later([*emitters, *self._assets.materials.users_of_image(item)])
+        self._write_later([*emitters, *self._assets.materials.alpha_users_of(item)])
 
     _HANDLERS: tuple[tuple[type[Observable], Callable[[SceneRecords, Any], None]], ...] = (
         (Instance, _apply_instance),
@@ -240,7 +240,7 @@ class SceneRecords:
             instance.watch(self)
             self._last_id += 1
             self._ids[instance] = self._last_id
-            if self.instance_rows.limit > MAX_INSTANCES:
+            if self.instance_rows.high_water_mark > MAX_INSTANCES:
                 raise SolariError(f"{self.scene.describe()} has more than {MAX_INSTANCES} instances")
         self._to_write[instance] = None
         if before != after:
@@ -304,7 +304,7 @@ class SceneRecords:
     # ---- from rows to records -----------------------------------------------------------------------
 
     def _update_instances(self) -> None:
-        self.instance_table.reserve(self.instance_rows.limit)
+        self.instance_table.reserve(self.instance_rows.high_water_mark)
         # Emitters first, since an instance's record has its index among the lights, and removing one moves another.
         for instance in list(self._to_write):
             emits = instance.visible and instance.material in self._assets.materials.emitting

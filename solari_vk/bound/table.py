@@ -181,15 +181,15 @@ def upload_tables(device: Device, tables: Sequence[Table]) -> None:
         device.start_with_next(record, "edits of the scene")
 
 
-class Slots(dict[Key, int]):
+class RowAllocator(dict[Key, int]):
     """Assigns a row to each object in use: from its first user until its last user releases it."""
 
     def __init__(self) -> None:
         super().__init__()
-        # How often each user uses an object: an instance may have a mesh as its mesh and as its ray mesh.
+        # The number of uses of an object by each user: an instance may have a mesh as its mesh and as its ray mesh.
         self._users: dict[Key, dict[Hashable, int]] = {}
         self._free: list[int] = []
-        self.limit = 0
+        self.high_water_mark = 0
         """One more than the highest row ever used."""
 
     def users(self, key: Key) -> list[Any]:
@@ -205,8 +205,8 @@ class Slots(dict[Key, int]):
         if self._free:
             self[key] = self._free.pop()
         else:
-            self[key] = self.limit
-            self.limit += 1
+            self[key] = self.high_water_mark
+            self.high_water_mark += 1
         return True
 
     def release(self, key: Key, user: Hashable) -> bool:

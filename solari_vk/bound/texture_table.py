@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from solari_vk.bound.table import Slots, Table, content_of
+from solari_vk.bound.table import RowAllocator, Table, content_of
 from solari_vk.bound.texture_tensors import DTYPES, TextureTensors
 from solari_vk.gpu.device import raw
 from solari_vk.gpu.device.device import Device
@@ -34,15 +34,15 @@ class TextureTable:
 
     def __init__(self, device: Device, record: np.dtype[Any], watcher: Any, port: TensorPort) -> None:
         self.table = Table(device, "textures", record)
-        self.rows: Slots[tuple[Texture, bool]] = Slots()
+        self.rows: RowAllocator[tuple[Texture, bool]] = RowAllocator()
         self._device = device
         self._watcher = watcher
         self._images: dict[ImageKey, Image] = {}
         # Equal pixels share an image. Edited ones have a content of their own, equal to no other.
-        self._contents: Slots[Hashable] = Slots()
+        self._contents: RowAllocator[Hashable] = RowAllocator()
         self._content_of: dict[ImageKey, Hashable] = {}
-        self._image_users: Slots[ImageKey] = Slots()
-        self._descriptors: Slots[DescriptorKey] = Slots()
+        self._image_users: RowAllocator[ImageKey] = RowAllocator()
+        self._descriptors: RowAllocator[DescriptorKey] = RowAllocator()
         self._linked: dict[tuple[Texture, bool], DescriptorKey] = {}
         self._to_upload: dict[ImageKey, None] = {}
         self._replaced = False  # something of `bound`
@@ -96,7 +96,7 @@ class TextureTable:
         """Upload new and changed images; returns whether `bound` has changed."""
         if not self._to_link and not self._to_upload and not self._replaced:
             return False
-        self.table.reserve(self.rows.limit)
+        self.table.reserve(self.rows.high_water_mark)
         # Links first: they tell which images are new.
         for key in self._to_link:
             self._link(key)
@@ -108,7 +108,7 @@ class TextureTable:
         if not self._replaced:
             return False
         self._replaced = False
-        self.bound = [self._blank] * max(self._descriptors.limit, 1)
+        self.bound = [self._blank] * max(self._descriptors.high_water_mark, 1)
         for descriptor in self._descriptors:
             pixels, srgb, options = descriptor
             image = self._images[pixels, srgb]

@@ -20,7 +20,7 @@ _TARGET = raw.VK_IMAGE_LAYOUT_TRANSFER_DST_OPTIMAL
 
 
 class TextureTensors:
-    """Writes texels of tensors to images, with the levels that `mip_chain` makes, bit by bit."""
+    """Writes texels in tensors to images, with the levels that `mip_chain` makes, bit by bit."""
 
     def __init__(self, device: Device, port: TensorPort) -> None:
         self._device = device
@@ -48,11 +48,11 @@ class TextureTensors:
         sizes = [image.level_shape(level)[:2] for level in range(image.mip_levels)]
         counts = [height * width for height, width in sizes]
         starts = np.cumsum([0, *(4 * count for count in counts)]).tolist()  # of the levels' codes
-        odd_light = -(-starts[-1] // _LIGHT) * _LIGHT
-        even_light = odd_light + _LIGHT * sum(counts[1:2])
-        memory = self._scratch_of(even_light + _LIGHT * sum(counts[2:3]))
+        odd_levels = -(-starts[-1] // _LIGHT) * _LIGHT
+        even_levels = odd_levels + _LIGHT * sum(counts[1:2])
+        memory = self._scratch_of(even_levels + _LIGHT * sum(counts[2:3]))
         dispatches = [self._texels(what, image, tensor, memory.address)]
-        lights = even_light, odd_light
+        level_memory = even_levels, odd_levels
         curves = self._light_curves().address
         for level in range(1, image.mip_levels):
             height, width = sizes[level - 1]
@@ -60,8 +60,8 @@ class TextureTensors:
             averages = {
                 "codes": memory.address,
                 "target_codes": memory.address + starts[level],
-                "source": memory.address + lights[1 - level % 2],
-                "target": memory.address + lights[level % 2],
+                "source": memory.address + level_memory[1 - level % 2],
+                "target": memory.address + level_memory[level % 2],
                 "light_of_code": curves,
                 "code_of_light": curves + LIGHT_OF_CODE.nbytes,
                 "width": width,
@@ -107,7 +107,7 @@ class TextureTensors:
             if self._scratch is not None:
                 self._scratch.destroy()
                 self._scratch = None
-            self._scratch = self._device.buffer(size, "levels of images of tensors")
+            self._scratch = self._device.buffer(size, "mip levels of images from tensors")
         return self._scratch
 
     def _light_curves(self) -> Buffer:

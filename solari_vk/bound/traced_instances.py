@@ -24,7 +24,7 @@ NO_CULLING = raw.VK_GEOMETRY_INSTANCE_TRIANGLE_FACING_CULL_DISABLE_BIT_KHR << 24
 # The fields that `write` sets, in order.
 RECORD = ("transform", "custom_index_and_mask", "sbt_offset_and_flags", "blas_address")
 # So few written records need no new order.
-FEW = 64
+FEW_MOVES = 64
 # The center and half the size (3,) of a mesh's bounds, in object space.
 Box = tuple[NDArray[np.float32], NDArray[np.float32]]
 
@@ -45,7 +45,7 @@ class TracedRecords:
     """The records of a TLAS in spatial order; an instance's custom index is its row in the table of instances.
 
     The order is computed again when instances were added or removed, and when records were written more often since the
-    last sorting than half their number, and more than FEW times. An instance that moves twice counts twice.
+    last sorting than half their number, and more than FEW_MOVES times. An instance that moves twice counts twice.
     """
 
     def __init__(self, table: MakeTable) -> None:
@@ -111,7 +111,7 @@ class TracedRecords:
 
     def sort(self) -> bool:
         """Restore the spatial order; returns whether that was needed."""
-        if self._sorted and self._moved <= max(self.count // 2, FEW):
+        if self._sorted and self._moved <= max(self.count // 2, FEW_MOVES):
             return False
         # By rows first, so that the order doesn't depend on the order of edits.
         rows = np.sort(self._rows())

@@ -26,9 +26,9 @@ class TriangleOrders:
 
     def update(self) -> bool:
         """Apply the binder's latest update; returns whether the buffers are other ones now."""
-        if self._orders is not None and self._seen == self._binder.revision:
+        if self._orders is not None and self._seen == self._binder.scene_revision:
             return False
-        self._seen = self._binder.revision
+        self._seen = self._binder.scene_revision
         orders = self._binder.triangle_orders
         # A mesh that was uploaded again has another array.
         known = self._orders

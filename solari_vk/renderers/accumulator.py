@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solari_vk.output.error import ErrorEstimate, area_means
-from solari_vk.renderers.renderer import LIGHT, Renderer
+from solari_vk.renderers.renderer import RADIANCE_COMPONENTS, Renderer
 
 
 class FrameAccumulator:
@@ -33,7 +33,7 @@ class FrameAccumulator:
         self._estimate = estimate
         # What the paths gave, without the denoiser, whose errors are alike in all frames.
         self._raw = "raw_radiance" if "raw_radiance" in renderer.outputs else "radiance"
-        summed = [name for name in names if name in LIGHT]
+        summed = [name for name in names if name in RADIANCE_COMPONENTS]
         if not exposes:
             summed.append("radiance")
         if estimate is not None:

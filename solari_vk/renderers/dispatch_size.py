@@ -28,9 +28,9 @@ class DispatchSize:
         self._width = size[0]
         self._work: deque[tuple[int, int]] = deque(maxlen=MEASURED_DISPATCHES)  # timeline values, samples times rows
 
-    def record(self, submission: int, samples: int, rows: int) -> None:
+    def record(self, timeline_value: int, samples: int, rows: int) -> None:
         """Remember how large the dispatch with a timeline value was."""
-        self._work.append((submission, samples * rows))
+        self._work.append((timeline_value, samples * rows))
 
     def adapt(self, frame: Frame) -> bool:
         """Choose the next dispatches' size by the time that the latest finished one took; whether the rows changed.

@@ -34,27 +34,27 @@ class FirstHitReader:
         # The frame is made when a result is first asked for: many renderers are never asked for one.
         self._device = device
         self._binder = binder
-        self._tables = tables
+        self._lookup_tables = tables
         self._frame: Frame | None = None
         self._built: tuple[Any, ...] = ()  # what the frame was built for
-        self._shown: tuple[Any, ...] = ()  # the binder's revision and the camera that its buffers show
+        self._computed_for: tuple[Any, ...] = ()  # the binder's revision and the camera that its buffers show
 
     def read(self, name: str, projection: Projection, size: tuple[int, int], proxies: bool = True) -> NDArray[Any]:
         """One of first_hits.FIRST_HITS, (height, width[, channels])."""
-        return reference.read_aov(self._found(projection, size, (0.0, 0.0), proxies), name, size)
+        return reference.read_aov(self._frame_at(projection, size, (0.0, 0.0), proxies), name, size)
 
     def tensor(
         self, name: str, projection: Projection, size: tuple[int, int], proxies: bool = True
     ) -> NDArray[Any] | CudaTensor:
         """What `read` returns, as a tensor that stays on the device; see `RenderedFrame.tensor`."""
-        values = self._found(projection, size, (0.0, 0.0), proxies).tensor(f"aov_{name}")
+        values = self._frame_at(projection, size, (0.0, 0.0), proxies).tensor(f"aov_{name}")
         return values.reshape(size[1], size[0], *values.shape[1:])
 
     def read_means(self, names: Sequence[str], projection: Projection, size: tuple[int, int]) -> list[NDArray[Any]]:
         """Means over the area of each pixel, (height, width[, channels]) each, with proxies."""
         means: list[Any] = [0.0] * len(names)
         for offset in JITTERS[:AVERAGED]:
-            frame = self._found(projection, size, offset, True)
+            frame = self._frame_at(projection, size, offset, True)
             for index, name in enumerate(names):
                 means[index] = means[index] + reference.read_aov(frame, name, size) / np.float32(AVERAGED)
         return means
@@ -63,41 +63,41 @@ class FirstHitReader:
         self, names: Sequence[str], projection: Projection, size: tuple[int, int], offset: tuple[float, float]
     ) -> list[NDArray[Any]]:
         """The results at an offset from the pixels' centers, in pixels, with proxies."""
-        frame = self._found(projection, size, offset, True)
+        frame = self._frame_at(projection, size, offset, True)
         return [reference.read_aov(frame, name, size) for name in names]
 
     def read_coverage(self, projection: Projection, size: tuple[int, int]) -> NDArray[np.float32]:
         """The share of each pixel (height, width) that shows a surface, from COVERAGE_RAYS rays, with proxies."""
-        frames = (self._found(projection, size, offset, True) for offset in _hammersley())
+        frames = (self._frame_at(projection, size, offset, True) for offset in _hammersley())
         hits = sum(np.isfinite(reference.read_aov(frame, "depth", size)).astype(np.float32) for frame in frames)
         return np.asarray(hits / COVERAGE_RAYS, np.float32)
 
-    def _found(
+    def _frame_at(
         self, projection: Projection, size: tuple[int, int], offset: tuple[float, float], proxies: bool
     ) -> Frame:
         """A frame whose buffers have the results at an offset from the pixels' centers, in pixels."""
         rows = reference.max_rows(size)
         # Raster is needed where instances have a mesh for rays that isn't the one that pictures show.
         rasters = not proxies and gbuffer.PROXIES in self._binder.features
-        built = self._binder.version, self._binder.instance_capacity, size, rasters
+        built = self._binder.bindings_version, self._binder.instance_capacity, size, rasters
         if self._frame is None or built != self._built:
             self.close()
-            external = {**self._binder.resources, **self._tables}
+            external = {**self._binder.resources, **self._lookup_tables}
             stages = [reference.aov_stage(size, rows, "raster_aov" if rasters else "aov")]
             if rasters:
                 stages.insert(0, gbuffer.raster_stage(size, self._binder.instance_capacity))
             self._frame = Frame(self._device, stages, external=external, features=self._binder.features)
             self._built = built
         # All outputs of a view are computed together, and read one by one.
-        shown = self._binder.revision, projection[1:], offset
-        if shown != self._shown:
+        view = self._binder.scene_revision, projection[1:], offset
+        if view != self._computed_for:
             uniforms = self._frame.uniforms
             CameraUniforms(uniforms).write_projection(projection, size, offset)
             uniforms["path_sampling.row_count"] = rows
             for row in range(0, size[1], rows):
                 uniforms["path_sampling.first_row"] = row
                 self._frame.submit()
-            self._shown = shown
+            self._computed_for = view
         return self._frame
 
     def close(self) -> None:
@@ -105,7 +105,7 @@ class FirstHitReader:
         if self._frame is not None:
             self._frame.close()
         self._frame = None
-        self._shown = ()
+        self._computed_for = ()
 
 
 def _hammersley() -> list[tuple[float, float]]:

@@ -41,7 +41,7 @@ class FrameBudget:
         self._estimate: tuple[float, float] | None = None  # of the other passes; of all paths at a share of 1
         self._ratios: deque[float] = deque(maxlen=FRAMES)  # of measured times to estimated ones
         self._submitted: dict[int, tuple[float, float]] = {}  # by timeline value: paths, and the estimated time
-        self._found = 0.0, 0.0  # the latest frame's own estimate
+        self._latest_measurement = 0.0, 0.0  # the latest frame's own estimate
         self._next: tuple[float, float] | None = None  # what was chosen for the next frame
         self._is_first = True
         self._history = 0.0  # frames of light since the latest cut
@@ -87,31 +87,31 @@ class FrameBudget:
         self._history += min(count, 1.0)
         return self.share
 
-    def record_submission(self, value: int) -> None:
-        """value: the device's timeline value of a frame. Without a choice for it nothing is recorded. The first one's
+    def record_submission(self, timeline_value: int) -> None:
+        """timeline_value: of a submitted frame. Without a choice for it nothing is recorded. The first one's
         time, which may include what a driver does once, doesn't count."""
         if self._next and not self._is_first:
-            self._submitted[value] = self._next
+            self._submitted[timeline_value] = self._next
         self._next = None
         self._is_first = False
 
-    def record_times(self, value: int, times: Mapping[str, float]) -> None:
+    def record_times(self, timeline_value: int, times: Mapping[str, float]) -> None:
         """times: of the passes of the frame with this timeline value, by name. Frames that are known are ignored."""
         # Times are looked at once a frame, and may be those of a frame that is known already.
-        if value not in self._submitted or not times:
+        if timeline_value not in self._submitted or not times:
             return
-        count, expected = self._submitted[value]
-        self._submitted = {later: what for later, what in self._submitted.items() if later > value}
+        count, expected = self._submitted[timeline_value]
+        self._submitted = {later: what for later, what in self._submitted.items() if later > timeline_value}
         # A frame tells two numbers: the time of its other passes, and that of a path in each pixel.
         paths = sum(time for name, time in times.items() if name.startswith(PATHS))
-        before, found = self._found, (sum(times.values()) - paths, paths / count)
-        self._found = found
+        before, measured = self._latest_measurement, (sum(times.values()) - paths, paths / count)
+        self._latest_measurement = measured
         if self._estimate is None:
-            self._estimate = found
+            self._estimate = measured
             return
         if expected > 0.0:
             self._ratios.append(sum(times.values()) / expected)
-        others, all_paths = map(_updated, self._estimate, before, found)
+        others, all_paths = map(_updated, self._estimate, before, measured)
         self._estimate = others, all_paths
 
 
@@ -125,9 +125,9 @@ def check_frame_ms(settings: Settings, device: Device) -> None:
         raise SolariError(f"Renderer: {device.name} has no timestamps, which the setting frame_ms needs: set it to 0")
 
 
-def _updated(estimate: float, before: float, found: float) -> float:
+def _updated(estimate: float, before: float, measured: float) -> float:
     """An estimate, after two frames. One slow frame alone, as other programs cause, changes it little."""
     # A lasting change shows in two frames in a row, and replaces the estimate; else it is an exponential mean, to which
     # a slow frame counts as JUMP times the estimate at most.
-    at_once = min(before, found)
-    return at_once if at_once > JUMP * estimate else estimate + WEIGHT * (min(found, JUMP * estimate) - estimate)
+    at_once = min(before, measured)
+    return at_once if at_once > JUMP * estimate else estimate + WEIGHT * (min(measured, JUMP * estimate) - estimate)

@@ -20,7 +20,7 @@ from solari_vk.output import oidn
 from solari_vk.passes import reference
 from solari_vk.passes.first_hits import FIRST_HITS
 from solari_vk.renderers.dispatch_size import MAX_SAMPLES, DispatchSize
-from solari_vk.renderers.motion_blur import Pose, PosedCameras, checked_pose, pose_after_error
+from solari_vk.renderers.motion_blur import CallbackCameras, PoseCallback, checked_pose, pose_after_error
 from solari_vk.renderers.renderer_base import RendererBase
 from solari_vk.renderers.results import RenderedFrame
 from solari_vk.renderers.sample_counts import SampleCounts
@@ -74,8 +74,8 @@ class PathTracer(RendererBase):
         )
         super().__init__(device, scene, size)
         try:
-            self._shown: tuple[Any, ...] | None = None  # scene, size and camera of the picture
-            self._posed_cameras = PosedCameras()
+            self._accumulation_key: tuple[Any, ...] | None = None  # scene, size and camera of the picture
+            self._callback_cameras = CallbackCameras()
             self._dispatch = DispatchSize(self.size)
             stages = self._stages(self.size)
             self._frame = self._owned.enter_context(SceneFrame(device, self.binder, stages, external=self._inputs()))
@@ -90,7 +90,7 @@ class PathTracer(RendererBase):
 
     def _inputs(self) -> dict[str, Any]:
         """What the stages' shaders are given beside the scene, by name."""
-        return dict(self._tables)
+        return dict(self._lookup_tables)
 
     def resize(self, size: tuple[int, int]) -> None:
         size = self._checked_size(size)
@@ -128,7 +128,7 @@ class PathTracer(RendererBase):
 
     def reset(self) -> None:
         """Discard the picture's samples."""
-        self._shown = None
+        self._accumulation_key = None
         self._latest = None
         self._begin_picture()
 
@@ -219,8 +219,8 @@ class PathTracer(RendererBase):
         self._prepare(camera)
         self._sample_counts.demand_more()
         count = self._sample_counts.limited(min(self._dispatch.samples, max_samples))
-        submission = self._add_samples(count, bands)
-        self._latest = RenderedFrame(self, camera, self._projection, submission)
+        timeline_value = self._add_samples(count, bands)
+        self._latest = RenderedFrame(self, camera, self._projection, timeline_value)
         self._adapt_dispatches()
 
     def _prepare(self, camera: Camera) -> None:
@@ -229,9 +229,9 @@ class PathTracer(RendererBase):
         self.binder.update()
         projection = Projection.of(camera, self.size)
         # Samples of earlier calls count only for the same scene through the same camera.
-        shown = (self.binder.revision, self.size, *projection.view)
-        if shown != self._shown:
-            self._shown = shown
+        key = (self.binder.scene_revision, self.size, *projection.view)
+        if key != self._accumulation_key:
+            self._accumulation_key = key
             self._projection: Projection = projection
             self._begin_picture()
             CameraUniforms(self._frame.uniforms).write(camera, self.size)
@@ -248,18 +248,18 @@ class PathTracer(RendererBase):
         # A picture that `advance` has begun goes on with the samples and the row at which it stopped.
         below = height if bands is None else min(top + bands * self._dispatch.rows, height)
         try:
-            submission = self._trace_rows(top, below, first, first + count)
+            timeline_value = self._trace_rows(top, below, first, first + count)
         except BaseException:
             self.reset()  # some bands have these samples and others don't
             raise
         self.unfinished_bands = (count, below) if below < height else (0, 0)
-        return submission
+        return timeline_value
 
     def _trace_rows(self, top: int, below: int, first: int, end: int) -> int:
         """Trace the samples from `first` up to `end` of the rows from `top` up to `below`, which have those before;
         returns the device's timeline value. Samples count when the last row has them."""
         uniforms = self._frame.uniforms
-        submission = 0
+        timeline_value = 0
         for sample in range(first, end, self._dispatch.samples):
             count = min(end - sample, self._dispatch.samples)
             uniforms["path_sampling.sample_index"] = sample
@@ -269,11 +269,11 @@ class PathTracer(RendererBase):
                 rows = min(self._dispatch.rows, below - row)
                 uniforms["path_sampling.first_row"] = row
                 uniforms["path_sampling.row_count"] = rows
-                submission = self._frame.submit()
-                self._dispatch.record(submission, count, rows)
+                timeline_value = self._frame.submit()
+                self._dispatch.record(timeline_value, count, rows)
         if below == self.size[1]:
             self._sample_counts.record_samples(end - self._sample_counts.first)
-        return submission
+        return timeline_value
 
     def _adapt_dispatches(self) -> None:
         """Choose the next dispatches' size by the time of the latest ones, where these tell what a sample costs."""
@@ -300,7 +300,7 @@ class PathTracer(RendererBase):
         self._sample_counts.set_target(None, denoise)
         pose = checked_pose(self.binder.scene, shutter, pose, type(self).__name__)
         guides: list[NDArray[Any]] = []
-        submission = 0
+        timeline_value = 0
         raised: BaseException | None = None
         try:
             for number, moment in enumerate(shutter.moments(samples, self.size[1], self.settings.seed)):
@@ -311,7 +311,7 @@ class PathTracer(RendererBase):
                     reference.write_uniforms(self._frame.uniforms, self.settings)
                 # Without a history: each time has a camera of its own, and the samples add up to one mean.
                 CameraUniforms(self._frame.uniforms).write(shown, self.size)
-                submission = self._trace_rows(*moment.rows, *moment.samples)
+                timeline_value = self._trace_rows(*moment.rows, *moment.samples)
                 if denoise:
                     self._add_guides(guides, moment, samples)
                 # Only between samples of all rows, since a picture can't end with rows that have more.
@@ -325,19 +325,19 @@ class PathTracer(RendererBase):
             self.reset()
             pose_after_error(pose, shutter)
             raise
-        self._shown = None  # so that the next picture is a new one
+        self._accumulation_key = None  # so that the next picture is a new one
         # Guides are means over all samples that were asked for, and the picture may have ended early.
         self._guides = [mean * np.float32(samples / self.samples) for mean in guides] or None
-        frame = RenderedFrame(self, shown, self._projection, submission, exposed=True)
-        self._posed_cameras.remember(shown, camera)
+        frame = RenderedFrame(self, shown, self._projection, timeline_value, exposed=True)
+        self._callback_cameras.remember(shown, camera)
         self._finish(frame)
         if raised is not None:
             raise raised
         return frame
 
-    def _pose_scene(self, camera: Camera, pose: Pose, seconds: float) -> Camera:
-        """Pose the scene and apply its edits; returns the camera."""
-        shown = self._posed_cameras.pose(pose, seconds, camera)
+    def _pose_scene(self, camera: Camera, pose: PoseCallback, seconds: float) -> Camera:
+        """PoseCallback the scene and apply its edits; returns the camera."""
+        shown = self._callback_cameras.pose(pose, seconds, camera)
         self._prepare_lens(shown)
         self.binder.update()
         self._warn_of_darkness()

@@ -178,13 +178,13 @@ class RayTracer(Hints):
     def _update(self) -> None:
         """Apply the scene's edits to `instances` and to the order of triangles on the device."""
         self.binder.update()
-        if self.binder.revision == self._revision:
+        if self.binder.scene_revision == self._revision:
             return  # no edit since the latest call
         self.instances = self.binder.instances
         if self._orders.update():
             for frame in self._frames.values():
                 frame.bind(self._orders.buffers)
-        self._revision = self.binder.revision
+        self._revision = self.binder.scene_revision
 
     def close(self) -> None:
         """Free everything on the device. Safe to call twice."""

@@ -26,8 +26,8 @@ from solari_vk.passes.first_hits import FIRST_HITS
 from solari_vk.passes.many_views import tiled, upload_rows
 from solari_vk.renderers.frame_budget import FrameBudget, check_frame_ms
 from solari_vk.renderers.motion_blur import (
-    PosedCameras,
-    RealtimeExposure,
+    CallbackCameras,
+    ShutterAccumulation,
     ShutterUniforms,
     checked_pose,
     pose_after_error,
@@ -45,7 +45,7 @@ THIS_FRAME = (
     "user_jitter_change", "shutter_state", "exposed_rows",
 )  # fmt: skip
 # Parts of the radiance. The first ones are in every frame, the others depend on the lighting.
-LIGHT = (*display.PARTS[:-1], "raw_radiance", "paths_diffuse", "paths_specular", *solari019.OUTPUTS)
+RADIANCE_COMPONENTS = (*display.PARTS[:-1], "raw_radiance", "paths_diffuse", "paths_specular", *solari019.OUTPUTS)
 _GIVE_SETTINGS = (
     "give settings=Settings.preset('solari'), or settings=Settings(name=value), after the size as one "
     "pair, (width, height)"
@@ -68,7 +68,14 @@ class Renderer(RendererBase):
     as well. Raises SolariError for a size that the device can't hold, a wrong seed and an unknown option.
     """
 
-    OUTPUTS = ("radiance", "error", *FIRST_HITS, *LIGHT, *(f"guides_{name}" for name in guides.IMAGES), "display")
+    OUTPUTS = (
+        "radiance",
+        "error",
+        *FIRST_HITS,
+        *RADIANCE_COMPONENTS,
+        *(f"guides_{name}" for name in guides.IMAGES),
+        "display",
+    )
     LARGEST_PIXEL_BYTES = 64
     IN_IMAGES = True
     _grid = (1, 1)  # columns and rows of views in the frame's pictures
@@ -98,8 +105,8 @@ class Renderer(RendererBase):
             self.tonemap = "agx"
             self.frame_count = 0
             self.frame_time = FrameBudget()
-            self._posed_cameras = PosedCameras()
-            self._exposure = RealtimeExposure()
+            self._callback_cameras = CallbackCameras()
+            self._accumulation = ShutterAccumulation()
             self._has_history = False
             self._blended_changes = 0  # the binder's count in the latest frame
             self._previous_jitter = (0.0, 0.0)  # the camera's own
@@ -136,12 +143,12 @@ class Renderer(RendererBase):
         """
         camera = self._camera_or_default(camera)
         if shutter is None and pose is None:
-            projection, submission = self._submit(camera, self._exposure.after(self.size[1]))
-            self._exposure.end()
-            frame = RenderedFrame(self, camera, projection, submission)
+            projection, timeline_value = self._submit(camera, self._accumulation.after(self.size[1]))
+            self._accumulation.end()
+            frame = RenderedFrame(self, camera, projection, timeline_value)
         else:
             frame = self._render_exposed(camera, shutter, pose)
-        self._posed_cameras.remember(frame.camera, camera)
+        self._callback_cameras.remember(frame.camera, camera)
         return self._finish(frame, METERING_FRAMES)
 
     def _render_exposed(self, camera: Camera, shutter: Any, pose: Any) -> RenderedFrame:
@@ -149,20 +156,20 @@ class Renderer(RendererBase):
         pose = checked_pose(self.binder.scene, shutter, pose, type(self).__name__)
         # Frames of another seed show other times.
         seconds, rows = shutter.frame(self.frame_count + SEED_STRIDE * self.seed, self.size[1])
-        exposure = shutter, pose, Projection.of(camera, self.size).view
-        uniforms = self._exposure.begin_frame(exposure, rows)
+        accumulation_key = shutter, pose, Projection.of(camera, self.size).view
+        uniforms = self._accumulation.begin_frame(accumulation_key, rows)
         try:
-            shown = self._posed_cameras.pose(pose, seconds, camera)
-            _, submission = self._submit(shown, uniforms)
-            middle = self._posed_cameras.pose(pose, shutter.middle, camera)
+            frame_camera = self._callback_cameras.pose(pose, seconds, camera)
+            _, timeline_value = self._submit(frame_camera, uniforms)
+            middle = self._callback_cameras.pose(pose, shutter.middle, camera)
         except BaseException:
             self.reset()  # what the device has is the mean of an exposure
             pose_after_error(pose, shutter)
             raise
-        self._exposure.finish_frame(exposure)
-        return RenderedFrame(self, middle, Projection.of(middle, self.size), submission, exposed=True)
+        self._accumulation.finish_frame(accumulation_key)
+        return RenderedFrame(self, middle, Projection.of(middle, self.size), timeline_value, exposed=True)
 
-    def _submit(self, camera: Camera, exposure: ShutterUniforms | None = None) -> tuple[Projection, int]:
+    def _submit(self, camera: Camera, shutter: ShutterUniforms | None = None) -> tuple[Projection, int]:
         """Submit a frame of the scene as it is; returns its projection, and the device's timeline value."""
         # A lens may change the G-buffer's method, which `_prepare` builds the frame for.
         self._prepare_lens(camera, rasters=self.settings.gbuffer == "raster")
@@ -171,21 +178,21 @@ class Renderer(RendererBase):
             if self.settings.frame_ms > 0:
                 share = self.frame_time.choose_for(self._frame, self.settings, not self._has_history)
                 self._frame.uniforms.update_declared({"path_share.value": share})
-            projection = self._write_uniforms(camera, exposure)
-            submission = self._frame.submit_applied()
+            projection = self._write_uniforms(camera, shutter)
+            timeline_value = self._frame.submit_applied()
         except BaseException:
             self.reset()  # the history on the device doesn't belong to the cameras and lights recorded here
             raise
         self.frame_count += 1
-        self.frame_time.record_submission(submission)
-        return projection, submission
+        self.frame_time.record_submission(timeline_value)
+        return projection, timeline_value
 
     @property
     def gbuffer(self) -> str:
         """How the surface of a pixel is found: "raster" or "traced", as the setting says or, for "auto", the device and
         the scene and the camera."""
         return gbuffer.chosen_method(
-            self.device.properties.kind, self.settings.gbuffer, self.binder.features, self._bends_rays
+            self.device.properties.kind, self.settings.gbuffer, self.binder.features, self._needs_traced_camera
         )
 
     def _stages(self, picture: tuple[int, int]) -> list[Stage]:
@@ -213,7 +220,7 @@ class Renderer(RendererBase):
 
     def _inputs(self) -> dict[str, Any]:
         """What the stages' shaders are given beside the scene, by name."""
-        return self._tables | self._light_translation.buffers
+        return self._lookup_tables | self._light_translation.buffers
 
     def _prepare(self) -> None:
         """Have the next frame show the scene and the settings as they are."""
@@ -223,10 +230,10 @@ class Renderer(RendererBase):
             self.size,
             self.settings,
             self.settings.revision,
-            self.binder.version,
+            self.binder.bindings_version,
             self._debug_view,
             self._tonemap,
-            self._bends_rays,
+            self._needs_traced_camera,
             self._frame.uniforms.version,
         )
         # Most frames have the settings of the one before, whose uniforms then stay as they are.
@@ -245,7 +252,7 @@ class Renderer(RendererBase):
     def _build_key(self) -> tuple[Any, ...]:
         """What `_stages` depends on and may change from frame to frame."""
         has_lobes = bool(LOBES & self.binder.features)
-        return self.size, self.binder.instance_capacity, self.settings.built_in, has_lobes, self.gbuffer
+        return self.size, self.binder.instance_capacity, self.settings.rebuild_key, has_lobes, self.gbuffer
 
     def _remember_build(self) -> None:
         self._built = self._build_key()
@@ -275,10 +282,10 @@ class Renderer(RendererBase):
             upload_rows(self._frame.resource(gbuffer.PREVIOUS_INSTANCES), saved_rows, self._world_count)
 
     def _write_settings(self) -> None:
-        shown = {"display_settings.debug_view": self._debug_view, "display_settings.tonemap": self._tonemap}
-        self._frame.uniforms.update_declared(uniform_values(self.settings) | shown)
+        display = {"display_settings.debug_view": self._debug_view, "display_settings.tonemap": self._tonemap}
+        self._frame.uniforms.update_declared(uniform_values(self.settings) | display)
 
-    def _write_uniforms(self, camera: Camera, exposure: ShutterUniforms | None) -> Projection:
+    def _write_uniforms(self, camera: Camera, shutter: ShutterUniforms | None) -> Projection:
         """Write what changes from frame to frame: the camera, the lights that changed, the noise's index and seed."""
         offset = (0.0, 0.0)
         if self.settings.jitter:
@@ -290,7 +297,7 @@ class Renderer(RendererBase):
         cell_size = self.settings.world_cache_cell_size
         self._changed_lights.update(lights.ids, lights.emitted, lights.centers, lights.positions, cell_size)
         if not history:  # no light has changed since a frame that doesn't count
-            self._light_translation.change = 0.0
+            self._light_translation.changed_power = 0.0
             self._changed_lights.clear()
         # Each frame sees all through one point of the lens: Haeberli and Akeley, "The Accumulation Buffer" (1990).
         on_lens = lens_point(camera, self.frame_count + SEED_STRIDE * self.seed)
@@ -298,18 +305,18 @@ class Renderer(RendererBase):
             camera, self.size, offset, render_size=self._built_render_size, has_history=history, lens_offset=on_lens
         )
         (x, y), (previous_x, previous_y) = projection.jitter, self._previous_jitter
-        shutter = (0, 0, 0) if exposure is None else (exposure.state, *exposure.rows)
+        shutter_state = (0, 0, 0) if shutter is None else (shutter.state, *shutter.rows)
         self._this_frame.write(
             self.frame_count & 0xFFFFFFFF,
             self.seed,
             history,
             projection.exposure,
-            self._light_translation.change,
+            self._light_translation.changed_power,
             self.binder.blended_changes != self._blended_changes,
             *offset,
             x - previous_x,
             y - previous_y,
-            *shutter,
+            *shutter_state,
         )
         self._frame.uniforms.update_declared(self._changed_lights.uniforms)
         self._previous_jitter = projection.jitter
@@ -367,9 +374,9 @@ class Renderer(RendererBase):
 
     def check_latest(self, frame: RenderedFrame, name: str) -> None:
         super().check_latest(frame, name)
-        if self._exposure.device_is_behind and name in FIRST_HITS:
+        if self._accumulation.device_is_behind and name in FIRST_HITS:
             self.binder.update()  # first hits show the middle of the exposure
-            self._exposure.device_is_behind = False
+            self._accumulation.device_is_behind = False
 
     @property
     def render_size(self) -> tuple[int, int]:

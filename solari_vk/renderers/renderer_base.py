@@ -56,9 +56,9 @@ class RendererBase(Hints):
     _frame: SceneFrame
     _latest: RenderedFrame | None = None
     _closed = False
-    _bends_rays = False  # whether the latest camera has one that raster can't draw, or an aperture
+    _needs_traced_camera = False  # whether the latest camera has a lens model or an aperture, which raster can't draw
     _looked_for_light = False
-    _metered_frames = 0  # that chose the exposure of a camera
+    _metering_frame_count = 0  # that chose the exposure of a camera
 
     def __init__(self, device: Device, scene: Scene | SceneBinder, size: tuple[int, int]) -> None:
         self.device = checked_device(device, type(self).__name__)
@@ -68,10 +68,12 @@ class RendererBase(Hints):
         try:
             # The tables and the subclasses' frames need to know the scene's features.
             self.binder.update()
-            self._bends_rays = any(camera.has_lens or camera.aperture for camera in self.binder.scene.cameras)
-            table, self._tables = brdf_table.compute(device)
-            self._owned.enter_context(table)
-            self.first_hits = self._owned.enter_context(closing(FirstHitReader(device, self.binder, self._tables)))
+            self._needs_traced_camera = any(camera.has_lens or camera.aperture for camera in self.binder.scene.cameras)
+            table_frame, self._lookup_tables = brdf_table.compute(device)
+            self._owned.enter_context(table_frame)
+            self.first_hits = self._owned.enter_context(
+                closing(FirstHitReader(device, self.binder, self._lookup_tables))
+            )
         except BaseException:
             self._owned.close()
             raise
@@ -242,8 +244,8 @@ class RendererBase(Hints):
         self._latest = frame
         if frame.camera.auto_exposure:
             # The first frames of a realtime renderer are noisy, and their exposures a little off.
-            self._metered_frames += 1
-            chooses_again = self._metered_frames % metering_frames != 0
+            self._metering_frame_count += 1
+            chooses_again = self._metering_frame_count % metering_frames != 0
             frame.camera.update(ev100=self.auto_exposure(), auto_exposure=chooses_again)
         return frame
 
@@ -281,10 +283,10 @@ class RendererBase(Hints):
         """Have the shaders trace a camera's lens, which is a feature of theirs, before a picture is made with it.
 
         Raises SolariError for a lens if the picture is rastered."""
-        bends_rays = camera.has_lens or camera.aperture > 0
-        if bends_rays and rasters:
+        needs_traced_camera = camera.has_lens or camera.aperture > 0
+        if needs_traced_camera and rasters:
             raise SolariError(f"{camera.describe()}: raster draws no lenses: leave the setting gbuffer at auto")
-        self._bends_rays = bends_rays
+        self._needs_traced_camera = needs_traced_camera
         # The scene's own cameras are known to the binder; this one may be another.
         if camera.has_lens and LENSES not in self.binder.features:
             self.binder.mark_changed(camera)

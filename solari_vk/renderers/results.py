@@ -63,14 +63,14 @@ class RenderedFrame(Hints):
     Raises SolariError for an unknown name, after a later frame has been rendered, and after the renderer was closed.
     """
 
-    __slots__ = ("_projection", "_renderer", "_submission", "camera", "exposed", "size")
+    __slots__ = ("_projection", "_renderer", "_timeline_value", "camera", "exposed", "size")
 
     def __init__(
-        self, renderer: Source, camera: Camera, projection: Projection, submission: int, *, exposed: bool = False
+        self, renderer: Source, camera: Camera, projection: Projection, timeline_value: int, *, exposed: bool = False
     ) -> None:
         self._renderer = renderer
         self._projection = projection
-        self._submission = submission
+        self._timeline_value = timeline_value
         self.camera = camera
         """The camera that the frame shows, with a shutter that of the exposure's middle. It may be edited later."""
         self.exposed = exposed
@@ -129,7 +129,7 @@ class RenderedFrame(Hints):
 
     def wait(self) -> Self:
         """Wait until the device has finished the frame; returns the frame."""
-        self._renderer.device.await_value(self._submission)
+        self._renderer.device.await_value(self._timeline_value)
         return self
 
     def resource(self, name: str) -> Any:
@@ -267,7 +267,7 @@ class RenderedFrame(Hints):
     @property
     def _unset_ev100(self) -> float:
         """The EV100 that was chosen for the camera when it had none, or its default."""
-        return float(getattr(self.camera, "_metered", self.camera.ev100))
+        return float(getattr(self.camera, "_metered_ev100", self.camera.ev100))
 
     def _replaced_ev100(self, radiance: NDArray[Any], wrong: str, is_unset: bool) -> float:
         """The EV100 that suits a picture which would be too dark or too bright; warns that it is another one."""
@@ -276,7 +276,9 @@ class RenderedFrame(Hints):
         unset = ", which nobody set" if is_unset else ""
         shown = self._renderer.auto_exposure(radiance)
         if is_unset:
-            object.__setattr__(camera, "_metered", shown)  # so that the next pictures by this camera don't flicker
+            object.__setattr__(
+                camera, "_metered_ev100", shown
+            )  # so that the next pictures by this camera don't flicker
         warn(
             f"the picture would be {wrong} with the camera's EV100, {tried:.4g}{unset}, and is "
             f"shown with {shown:.3g}: set camera.ev100 to that, or camera.auto_exposure"

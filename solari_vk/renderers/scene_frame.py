@@ -53,7 +53,7 @@ class SceneFrame(Frame, Hints):
         try:
             # The shaders are compiled for the features that the scene has, so it must be on the device before.
             self.binder.update(self)
-            self._bound_version = self.binder.version
+            self._bound_version = self.binder.bindings_version
             self._replaced = frozenset(external or ())
             resources = self._scene_resources | dict(external or {})
             super().__init__(device, stages, external=resources, features=self.binder.features, **options)
@@ -83,8 +83,8 @@ class SceneFrame(Frame, Hints):
         binder = self.binder
         binder.update(self)
         # A buffer that has grown is another one, which descriptors must name.
-        if binder.version != self._bound_version:
-            self._bound_version = binder.version
+        if binder.bindings_version != self._bound_version:
+            self._bound_version = binder.bindings_version
             self.bind(self._scene_resources)
         # Other features are other constants of the pipelines.
         if self.features != binder.features:

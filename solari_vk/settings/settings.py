@@ -294,7 +294,7 @@ class Settings(SeparatePasses, Hints):
         return f"Settings({', '.join(changed)})"
 
     @property
-    def built_in(self) -> tuple[Any, ...]:
+    def rebuild_key(self) -> tuple[Any, ...]:
         """The values of the fields that are built into pipelines or sizes."""
         values = {name: getattr(self, name) for name, field in FIELDS.items() if field.rebuilds}
         # Pipelines depend on whether frames have a time limit; its value is live.

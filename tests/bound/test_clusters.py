@@ -78,7 +78,7 @@ def test_sparse_clusters_are_smaller(monkeypatch):
     assert sizes(merged(ball, 6 * wall)).min() > 6
     assert sizes(merged(square, 20 * wall)).tolist() == [1] * 1200
     assert sizes(merged(square, [(0, 0, 0), (30, 0, 0)])).tolist() == [2, 2]
-    monkeypatch.setattr(clusters, "MOST", 400)
+    monkeypatch.setattr(clusters, "MAX_CLUSTERS", 400)
     found = sizes(merged(square, 20 * wall))
     assert 100 < len(found) <= 200
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from solari_vk.bound.lights.index_translation import CHANGE_DECAY, MIN_CHANGE
-from solari_vk.bound.lights.recent_changes import LISTED, MOST, STILL_CHANGING, RecentChanges
+from solari_vk.bound.lights.recent_changes import MAX_CHANGED_LIGHTS, MIN_LISTED_CHANGE, STILL_CHANGING, RecentChanges
 
 CELL = 0.5  # meters
 IDS = np.array([4, 7, 9], np.uint32)
@@ -26,19 +26,19 @@ def start(*lists):
 def read(lights):
     """The records that count, as (place, power, recent)."""
     uniforms = lights.uniforms
-    assert uniforms["changed_lights.at"].shape == (MOST,)
+    assert uniforms["changed_lights.at"].shape == (MAX_CHANGED_LIGHTS,)
     records = uniforms["changed_lights.at"][: uniforms["changed_lights.count"]]
     return [(record["place"].tolist(), float(record["power"]), float(record["recent"])) for record in records]
 
 
 def test_what_stays_flickers_or_moves_slowly_is_not_listed():
-    """Flicker of 2 * LISTED in all, but never of LISTED from what a lamp had when it was listed last."""
+    """Flicker of twice MIN_LISTED_CHANGE in all, but never of more than it from what a lamp had when it was listed."""
     lights = start()
     order = [2, 0, 1]
     drift = 0.9 * CELL * np.eye(1, 3)
     update(lights, IDS[order], POWERS[order], PLACES[order])
     for frame in range(20):
-        update(lights, powers=POWERS * (1 + (-1) ** frame * 0.9 * LISTED), places=PLACES + frame * drift)
+        update(lights, powers=POWERS * (1 + (-1) ** frame * 0.9 * MIN_LISTED_CHANGE), places=PLACES + frame * drift)
         assert read(lights) == []
 
 
@@ -47,7 +47,7 @@ def test_slow_changes_add_up():
     while not read(lights):
         frames += 1
         update(lights, powers=POWERS * 0.97**frames)
-    assert 0.97**frames < 1 - LISTED < 0.97 ** (frames - 1)
+    assert 0.97**frames < 1 - MIN_LISTED_CHANGE < 0.97 ** (frames - 1)
     update(lights, powers=POWERS * 0.97**frames)
     assert [recent for _, _, recent in read(lights)] == [pytest.approx(CHANGE_DECAY)] * 3
 
@@ -118,8 +118,8 @@ def test_a_light_that_changes_again_later_is_a_new_change():
 
 
 def test_the_largest_changes_are_listed():
-    count = 3 * MOST
+    count = 3 * MAX_CHANGED_LIGHTS
     ids, powers = np.arange(count, dtype=np.uint32), np.random.default_rng(2).permutation(count) + 1.0
     lights = start(ids, powers, np.zeros((count, 3)))
     update(lights, ids, 2.0 * powers, np.zeros((count, 3)))
-    assert [power for _, power, _ in read(lights)] == list(range(count, count - MOST, -1))
+    assert [power for _, power, _ in read(lights)] == list(range(count, count - MAX_CHANGED_LIGHTS, -1))

@@ -43,7 +43,7 @@ def test_levels_have_the_bits_of_the_host(gpu, size, monkeypatch):  # noqa: F811
     scene, image = textured(size)
     with sv.PathTracer(gpu, scene, SIZE) as tracer:
         tracer.render(CAMERA, samples=1)
-        version = tracer.binder.version
+        version = tracer.binder.bindings_version
         read = DeviceTensor.read
         for seed, (channels, dtype) in enumerate(
             [
@@ -68,7 +68,7 @@ def test_levels_have_the_bits_of_the_host(gpu, size, monkeypatch):  # noqa: F811
                 for level, values in enumerate(expected):
                     np.testing.assert_array_equal(found[level], values, f"{dtype} {channels} {srgb}, level {level}")
             np.testing.assert_array_equal(image.pixels, as_pixels(given))
-        assert tracer.binder.version == version  # no frame is recorded anew
+        assert tracer.binder.bindings_version == version  # no frame is recorded anew
 
 
 def frames_of(kind, device, scene):
@@ -169,14 +169,14 @@ def test_equal_images_part(gpu):  # noqa: F811
     scene.add(sv.Instance(sv.shapes.sphere(0.2, 6), sv.Material(base_color_texture=other), position=(0.4, 0.4, 0)))
     with sv.PathTracer(gpu, scene, SIZE) as tracer:
         tracer.render(CAMERA, samples=1)
-        version = tracer.binder.version
+        version = tracer.binder.bindings_version
         for seed in (1, 2):
             given = random_pixels((33, 18, 4), np.uint8, seed)
             image.pixels = GpuTensor(gpu, given)
             tracer.render(CAMERA, samples=1)
             np.testing.assert_array_equal(levels_of(tracer.binder, image, True)[0], given)
             np.testing.assert_array_equal(levels_of(tracer.binder, other, True)[0], other.pixels)
-        assert tracer.binder.version == version + 1
+        assert tracer.binder.bindings_version == version + 1
         again = sv.Material(base_color_texture=sv.TextureImage(other.pixels))  # not what the tensor replaced
         scene.add(sv.Instance(sv.shapes.sphere(0.2, 6), again, position=(1.6, 0.4, 0)))
         tracer.render(CAMERA, samples=1)

@@ -32,7 +32,7 @@ from solari_vk.gpu.shaders.shader_cache import Sources
 from solari_vk.gpu.shaders.spirv import reflect
 from solari_vk.passes import reference
 from solari_vk.renderers.path_tracer import PathTracer
-from solari_vk.renderers.renderer import LIGHT, Renderer
+from solari_vk.renderers.renderer import RADIANCE_COMPONENTS, Renderer
 from solari_vk.scene import shapes
 from solari_vk.scene.builtin import lamp, place, rgb
 from solari_vk.scene.material import TEXTURES
@@ -255,7 +255,7 @@ def measure_frames(device, scene, effort, samples, bar, tile_bar=None, size=FRAM
 
 def light_outputs(frame):
     """The names of the frame's radiance and of all its parts."""
-    return ["radiance", *(name for name in LIGHT if name in frame)]
+    return ["radiance", *(name for name in RADIANCE_COMPONENTS if name in frame)]
 
 
 def snapshot(frame):

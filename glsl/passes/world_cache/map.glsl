@@ -57,7 +57,7 @@ WorldCacheKey make_world_cache_key(vec3 world_position, vec3 world_normal, float
 uint world_cache_entry(WorldCacheKey key, uint search_step) {
     uint entries = uint(world_cache_checksums.at.length());
 #ifdef MANY_VIEWS
-    entries /= views.world_parts;
+    entries /= views.cache_partitions;
     return world_index * entries + ((key.first + search_step) & entries - 1u);
 #else
     return (key.first + search_step) & entries - 1u;

@@ -22,13 +22,13 @@ Indices = NDArray[np.int64]
 # Most triangles of a cluster. Larger clusters are chosen less well, smaller ones take more time and memory.
 LARGEST = 128
 # A mesh has at most as many clusters. They are halved as long as there are at most a quarter as many.
-MOST = 1 << 16
+MAX_CLUSTERS = 1 << 16
 # A cluster is sparse whose box has a surface of so many times the area of its triangles. Most boxes around pieces of
 # spheres have less.
 SPARSE = 8.0
 
 
-class _Parts(NamedTuple):
+class _JointBoxes(NamedTuple):
     """The boxes of what each joint moves of each cluster, one cluster's after the other's."""
 
     boxes: Floats  # (P, 2, 3)
@@ -69,7 +69,7 @@ class Clusters:
     def _posed(self, joint_matrices: Floats | None, morph_weights: Floats | None) -> Floats:
         """As `Deformation.bounds`: a skinned vertex lies between where its joints alone would move it."""
         assert self._mesh.deformation is not None
-        parts = self._parts
+        parts = self._joint_boxes
         boxes = parts.boxes
         # What a target adds lies between a min and a max, which a negative weight swaps.
         if morph_weights is not None:
@@ -86,12 +86,12 @@ class Clusters:
         return np.stack([low, high], axis=1)
 
     @cached_property
-    def _parts(self) -> _Parts:
+    def _joint_boxes(self) -> _JointBoxes:
         count = len(self.starts)
         deformation = self._mesh.deformation
         if deformation is None or deformation.joints is None or deformation.joint_weights is None:
             every = np.arange(count)
-            return _Parts(self._rest, every, np.zeros(count, np.int64), every)
+            return _JointBoxes(self._rest, every, np.zeros(count, np.int64), every)
         vertex_count = len(self._mesh.positions)
         joint_count = deformation.joint_count
         # The vertices of each cluster, each once.
@@ -111,7 +111,7 @@ class Clusters:
         high = np.maximum.reduceat(points, starts)
         clusters, moved_by = np.divmod(found, joint_count + 1)
         boxes = np.stack([low, high], axis=1)
-        return _Parts(boxes, np.searchsorted(clusters, np.arange(count)), moved_by, clusters)
+        return _JointBoxes(boxes, np.searchsorted(clusters, np.arange(count)), moved_by, clusters)
 
     @cached_property
     def _deltas(self) -> Floats:
@@ -132,23 +132,23 @@ class ClusterBoxes:
         self._boxes: dict[Instance, Floats] = {}
 
     def set(self, instance: Instance, clusters: Clusters | None) -> tuple[bool, bool]:
-        """Set the clusters of an instance as it is; returns whether they are others, and whether they have moved."""
-        are_others = self.of.get(instance) is not clusters
-        if are_others:
+        """Set the clusters of an instance as it is; returns whether they are new ones, and whether they have moved."""
+        is_changed = self.of.get(instance) is not clusters
+        if is_changed:
             for of_instances in (self.of, self._boxes, self.moved):
                 of_instances.pop(instance, None)
         if clusters is None:
-            return are_others, False
+            return is_changed, False
         boxes = clusters.boxes(instance.transform, instance.joint_matrices, instance.morph_weights)
         have_moved = not np.array_equal(boxes, self._boxes.get(instance, ()))
         if have_moved:
             self.of[instance] = clusters
             self._boxes[instance] = boxes
             self.moved[instance] = None
-        return are_others, have_moved
+        return is_changed, have_moved
 
     def pop_moved(self) -> list[tuple[Instance, Floats]]:
-        """The instances whose boxes are others since the latest call, and these (C, 2, 3)."""
+        """The instances whose boxes have changed since the latest call, and these (C, 2, 3)."""
         moved = self.moved
         self.moved = {}
         return [(instance, self._boxes[instance]) for instance in moved]
@@ -160,7 +160,7 @@ def _arrange(
     """The starts, sizes and halvings of `Clusters`."""
     count = len(triangles)
     starts, sizes, halvings = runs(count, LARGEST)
-    while count >= 4 and len(starts) <= MOST // 4 and _are_sparse(positions, triangles, areas, starts):
+    while count >= 4 and len(starts) <= MAX_CLUSTERS // 4 and _are_sparse(positions, triangles, areas, starts):
         if sizes.min() < 4:  # halves would have a single triangle
             return np.arange(count), np.ones(count, np.int64), NO_INDEX
         starts, sizes = halved(starts, sizes)

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from solari_vk.bound.lights.alias_table import alias_tables
 from solari_vk.bound.lights.clusters import Clusters
-from solari_vk.bound.table import Slots
+from solari_vk.bound.table import RowAllocator
 from solari_vk.gpu.device.buffer import Buffer
 from solari_vk.gpu.device.device import Device
 from solari_vk.scene.emission import Sums, luminance_sums, mean_luminances
@@ -58,7 +58,7 @@ class Emissions:
         self._device = device
         self._row = row
         self._emissions: dict[Key, Emission] = {}
-        self._users: Slots[Key] = Slots()
+        self._users: RowAllocator[Key] = RowAllocator()
         self._key_of: dict[Instance, Key] = {}
         # Sums over an image take time and memory: emissions that are made in the same update share them.
         self._sums: dict[TextureImage, Sums] = {}

@@ -12,7 +12,7 @@ from solari_vk.bound.constants import NO_INDEX
 from solari_vk.gpu.device.buffer import Buffer
 from solari_vk.gpu.device.device import Device
 
-# The factor of `IndexTranslation.change` per frame.
+# The factor of `IndexTranslation.changed_power` per frame.
 CHANGE_DECAY = 0.9
 # A smaller change counts as none.
 MIN_CHANGE = 1 / 64
@@ -89,7 +89,7 @@ class IndexTranslation:
         self._ids: Ids = np.zeros(0, np.uint32)
         self._powers: Powers | None = None
         self._positions: Positions | None = None
-        self.change = 0.0
+        self.changed_power = 0.0
         """Share of the scene's light that was added, removed or moved recently; decays from frame to frame."""
         self.newest = 0.0  # the same of the latest update alone
         self._is_identity = False  # whether the buffers map each index to itself
@@ -133,8 +133,8 @@ class IndexTranslation:
         if self._positions is not None and positions is not None and positions is not self._positions:
             moved = share_moved(self._ids, self._positions, ids, positions, powers, cell_size)
             self.newest = max(self.newest, moved)
-        change = self.change * CHANGE_DECAY
-        self.change = max(change if change > MIN_CHANGE else 0.0, self.newest)
+        change = self.changed_power * CHANGE_DECAY
+        self.changed_power = max(change if change > MIN_CHANGE else 0.0, self.newest)
 
     def _reserve(self, count: int) -> None:
         if self.buffers and 4 * count <= self.buffers[NAMES[0]].size:

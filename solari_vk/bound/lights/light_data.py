@@ -8,7 +8,7 @@ import numpy as np
 
 from solari_vk.bound.lights.emissive_meshes import ONE_PART
 from solari_vk.bound.lights.environment_buffers import EnvironmentBuffers
-from solari_vk.bound.table import Slots, content_of
+from solari_vk.bound.table import RowAllocator, content_of
 from solari_vk.gpu.device.device import Device
 from solari_vk.scene.lights.environment import EnvironmentLight
 from solari_vk.scene.lights.light import Light
@@ -39,7 +39,7 @@ class SharedBuffers:
     """The buffers of images and profiles, by their contents."""
 
     def __init__(self) -> None:
-        self.users: Slots[bytes | LightProfile] = Slots()  # each a light, and the LightData that has it
+        self.users: RowAllocator[bytes | LightProfile] = RowAllocator()  # each a light, and the LightData that has it
         self.made: dict[bytes | LightProfile, EnvironmentBuffers | ProfileBuffer] = {}
 
 

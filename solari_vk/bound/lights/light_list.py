@@ -54,7 +54,7 @@ class LightList:
         self.emissive: list[Instance] = []
         """The emissive instances, in the order of their rows."""
         self._index: dict[Instance, int] = {}
-        self._others: dict[LightKind, dict[Light, None]] = {kind: {} for kind in with_records}
+        self._analytic: dict[LightKind, dict[Light, None]] = {kind: {} for kind in with_records}
         self.blockers = Blockers()
         self._has_blockers = not isinstance(data, LightData)
         by_power = block_dtypes["light_leaves"]["by_power"]
@@ -90,7 +90,7 @@ class LightList:
     @property
     def lights_by_kind(self) -> dict[LightKind, list[Light]]:
         """The lights of each kind that are no instances: behind the emissive instances, in this order."""
-        return {kind: list(lights) for kind, lights in self._others.items()}
+        return {kind: list(lights) for kind, lights in self._analytic.items()}
 
     def id_of(self, light: Instance | Light) -> int | None:
         """The light's number in `ids`, if it is in the list."""
@@ -98,7 +98,7 @@ class LightList:
 
     def records(self, kind: LightKind) -> NDArray[Any]:
         """The records of the lights of a kind."""
-        records: NDArray[Any] = self._records[kind].records[: len(self._others[kind])]
+        records: NDArray[Any] = self._records[kind].records[: len(self._analytic[kind])]
         return records
 
     def index(self, instance: Instance) -> int | None:
@@ -122,8 +122,8 @@ class LightList:
         area: of the instance's surface in the world, in square meters, times its emissive texture's mean luminance.
         position: of the center of its bounds. half_size: half of the bounds' size.
         """
-        are_others, have_moved = self._clusters.set(instance, None if emission is None else emission.clusters)
-        self._changed |= are_others
+        is_changed, have_moved = self._clusters.set(instance, None if emission is None else emission.clusters)
+        self._changed |= is_changed
         self._positions_changed |= have_moved
         if emission is None:
             return self._remove_emissive(instance)
@@ -161,7 +161,7 @@ class LightList:
     def set_light(self, light: Light, present: bool) -> Instance | None:
         """Add, update or remove a light that is no instance; returns its blocker, if it has or had one."""
         kind = kind_of(light)
-        for other, listed in self._others.items():
+        for other, listed in self._analytic.items():
             if other is not kind or not present:
                 listed.pop(light, None)
         if not present:
@@ -169,8 +169,8 @@ class LightList:
                 of_lights.pop(light, None)
             self.data.set(light, None)
             self._changed = True
-        elif light not in self._others[kind]:
-            self._others[kind][light] = None
+        elif light not in self._analytic[kind]:
+            self._analytic[kind][light] = None
             self.renew_id(light)
         else:
             self._edited[light] = kind
@@ -204,19 +204,19 @@ class LightList:
 
     def update(self, lit_area: Callable[[], float]) -> None:
         """Update the arrays and tables after changes. lit_area(): the scene's cross-section, roughly, in m^2."""
-        others = [(kind, light) for kind, lights in self._others.items() for light in lights]
+        analytic_lights = [(kind, light) for kind, lights in self._analytic.items() for light in lights]
         self._update_portals()
-        self._update_edited(others, lit_area)
+        self._update_edited(analytic_lights, lit_area)
         if not (self._changed or self._powers_changed or self._positions_changed):
             return
         boxes = self._emissive_boxes[: len(self.emissive)]
         if self._changed or self._positions_changed:
-            points = [kind.position(light) for kind, light in others if kind.position]
+            points = [kind.position(light) for kind, light in analytic_lights if kind.position]
             self.positions = np.concatenate([boxes[:, 0], np.reshape(points, (-1, 3))])
             self._positions_changed = False
         if self._changed or self._powers_changed:
-            self._update_rows(others, lit_area)
-        self._update_tree(boxes, others)
+            self._update_rows(analytic_lights, lit_area)
+        self._update_tree(boxes, analytic_lights)
 
     def _update_portals(self) -> None:
         """Have the maps of portals show the environments, whose light comes through them."""
@@ -226,7 +226,7 @@ class LightList:
                 self._edited[portal] = kind_of(portal)
 
     def _lights_of(self, source: type[Any]) -> list[Any]:
-        return [light for lights in self._others.values() for light in lights if isinstance(light, source)]
+        return [light for lights in self._analytic.values() for light in lights if isinstance(light, source)]
 
     def _power(self, kind: LightKind, light: Light, lit_area: Callable[[], float]) -> float:
         """The power of a light, as its kind computes it from what it lights, or of a portal what it lets through."""
@@ -237,32 +237,32 @@ class LightList:
             flux = sum(environment.flux for environment in self._lights_of(EnvironmentLight))
         return kind.power(light, flux)
 
-    def _update_edited(self, others: list[tuple[LightKind, Light]], lit_area: Callable[[], float]) -> None:
+    def _update_edited(self, analytic_lights: list[tuple[LightKind, Light]], lit_area: Callable[[], float]) -> None:
         """Write the records of edited lights, unless all are about to be written."""
         edited = [(kind, light) for light, kind in self._edited.items()]
         # An environment that was edited changes what portals let through.
         through_portals = any(isinstance(light, EnvironmentLight) for light in self._edited) and self._lights_of(Portal)
-        for kind, light in others if through_portals else edited:
+        for kind, light in analytic_lights if through_portals else edited:
             self._set_power(light, self._power(kind, light, lit_area))
         if edited and not self._changed:
-            index_of = {light: index for lights in self._others.values() for index, light in enumerate(lights)}
+            index_of = {light: index for lights in self._analytic.values() for index, light in enumerate(lights)}
             for kind, light in edited:
                 self._write_record(kind, index_of[light], light)
             self._positions_changed = True
         self._edited.clear()
 
-    def _update_rows(self, others: list[tuple[LightKind, Light]], lit_area: Callable[[], float]) -> None:
+    def _update_rows(self, analytic_lights: list[tuple[LightKind, Light]], lit_area: Callable[[], float]) -> None:
         """Update what depends on the lights' number, order and powers."""
         if self._changed:
-            for kind, light in others:
+            for kind, light in analytic_lights:
                 self._set_power(light, self._power(kind, light, lit_area))
-        listed: list[Instance | Light] = [*self.emissive, *(light for _, light in others)]
+        listed: list[Instance | Light] = [*self.emissive, *(light for _, light in analytic_lights)]
         self.powers = np.fromiter((self._power_of[light] for light in listed), np.float64, len(listed))
         self._powers_changed = False
         if self._changed:
             self._changed = False
             self.ids = np.fromiter((self._id_of[light] for light in listed), np.uint32, len(listed))
-            self._write_others(len(listed))
+            self._write_analytic(len(listed))
             sources = self.sources.records[: len(listed)]
             clusters = [self._clusters.of.get(light) for light in listed]  # type: ignore[arg-type]
             self.leaves.arrange(clusters, sources["part_count"])
@@ -274,14 +274,14 @@ class LightList:
         self.emitted = np.where(kinds == KIND_INDEX["portal"], 0.0, self.powers)
         self.leaves.choose(choice_weights_by_kind(self.powers, kinds))
 
-    def _update_tree(self, emissive_boxes: NDArray[np.float64], others: list[tuple[LightKind, Light]]) -> None:
+    def _update_tree(self, emissive_boxes: NDArray[np.float64], analytic_lights: list[tuple[LightKind, Light]]) -> None:
         """Update the tree over all lights but those at infinity."""
         info = self.info.records[0]
         finite = int(info["first_light_at_infinity"])
-        of_others = [kind.bounds(light) for kind, light in others if kind.bounds]
+        of_analytic = [kind.bounds(light) for kind, light in analytic_lights if kind.bounds]
         # A box as its center and half its size becomes one as its min and max.
         emissive = emissive_boxes[:, :1] + emissive_boxes[:, 1:] * ((-1.0,), (1.0,))
-        bounds = np.concatenate([emissive, np.reshape(of_others, (-1, 2, 3))])
+        bounds = np.concatenate([emissive, np.reshape(of_analytic, (-1, 2, 3))])
         self.centers = bounds.mean(axis=1)
         moved = {self._index[instance]: boxes for instance, boxes in self._clusters.pop_moved()}
         chance = self.leaves.follow(self.ids[:finite], bounds, self.powers[:finite], moved)
@@ -303,13 +303,13 @@ class LightList:
         record["halvings"] = 0 if emission.clusters is None else emission.clusters.halvings
         self.sources.mark([row])
 
-    def _write_others(self, light_count: int) -> None:
+    def _write_analytic(self, light_count: int) -> None:
         """Write the rows behind the emissive instances, the records of their kinds, and `scene_info`."""
         self.sources.reserve(light_count)
         row = len(self.emissive)
         counts = dict.fromkeys(PLACES, 0)
         info = self.info.records[0]
-        for kind, lights in self._others.items():
+        for kind, lights in self._analytic.items():
             counts[kind.met_by_rays] += len(lights)
             self._records[kind].reserve(len(lights))
             if kind.source is EnvironmentLight:

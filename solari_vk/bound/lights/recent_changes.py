@@ -10,11 +10,11 @@ from numpy.typing import NDArray
 from solari_vk.bound.constants import NO_INDEX
 from solari_vk.bound.lights.index_translation import CHANGE_DECAY, MIN_CHANGE, Ids, Positions, Powers, translate
 
-MOST = 8  # lights in the list: those that changed most
+MAX_CHANGED_LIGHTS = 8  # lights in the list: those that changed most
 # ChangedLight in glsl/passes/light_change.glsl.
 RECORD = np.dtype([("place", "<f4", 3), ("power", "<f4"), ("recent", "<f4")])
 # From this change of power on since a light was listed last, over the larger power, the light is listed again.
-LISTED = 0.15
+MIN_LISTED_CHANGE = 0.15
 # A light whose `recent` is above this is changing all the time: another change of it is no new one.
 STILL_CHANGING = CHANGE_DECAY**10
 
@@ -28,8 +28,9 @@ def compare(old: Lists, new: Lists, cell_size: float) -> tuple[NDArray[np.uint64
     list were listed last.
 
     The powers of the old list are those with which lights were listed last, so that slow changes add up. Less than
-    LISTED of a power doesn't count, or flicker would shorten all histories. A light that moves by `cell_size` meters
-    from one frame to the next counts where it was and where it is; slower ones move shadows, which the denoiser sees.
+    MIN_LISTED_CHANGE of a power doesn't count, or flicker would shorten all histories. A light that moves by
+    `cell_size` meters from one frame to the next counts where it was and where it is; slower ones move shadows, which
+    the denoiser sees.
     A key is twice the light's id, and one more for the place that a light has left. Lights without power,
     such as portals, change nothing.
     """
@@ -42,7 +43,7 @@ def compare(old: Lists, new: Lists, cell_size: float) -> tuple[NDArray[np.uint64
     added[left] = False
 
     changes = np.abs(powers[left] - old_powers[is_left])
-    differs = changes > LISTED * np.maximum(powers[left], old_powers[is_left])
+    differs = changes > MIN_LISTED_CHANGE * np.maximum(powers[left], old_powers[is_left])
     # A light that jumps takes all of its power from one place to the other.
     jumps = np.linalg.norm(positions[left] - old_positions[is_left], axis=1) > cell_size
     changes = np.where(jumps, powers[left], changes)
@@ -78,7 +79,7 @@ class RecentChanges:
 
     @property
     def records(self) -> Records:
-        """The changes (N,), of which there are at most MOST."""
+        """The changes (N,), of which there are at most MAX_CHANGED_LIGHTS."""
         return self._records
 
     def copy(self) -> RecentChanges:
@@ -93,7 +94,7 @@ class RecentChanges:
     @property
     def uniforms(self) -> dict[str, Any]:
         """The values of the uniform block `changed_lights`."""
-        padded = np.zeros(MOST, RECORD)
+        padded = np.zeros(MAX_CHANGED_LIGHTS, RECORD)
         padded[: len(self._records)] = self._records
         return {"changed_lights.count": len(self._records), "changed_lights.at": padded}
 
@@ -135,6 +136,6 @@ class RecentChanges:
         records = np.concatenate([records, self._records])
         # Of each key the first record in the order of their size is the largest one.
         order = np.argsort(-records["power"] * records["recent"], kind="stable")
-        first = np.sort(np.unique(keys[order], return_index=True)[1])[:MOST]
+        first = np.sort(np.unique(keys[order], return_index=True)[1])[:MAX_CHANGED_LIGHTS]
         self._keys = keys[order][first]
         self._records = records[order][first]

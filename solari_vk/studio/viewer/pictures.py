@@ -174,7 +174,7 @@ class Pictures:
         # Arrays can't be compared as wholes or hashed, their bytes can.
         fields = [getattr(camera, name) for name in Camera._names if name not in UNSEEN_FIELDS]
         seen = tuple(value.tobytes() if isinstance(value, np.ndarray) else value for value in fields)
-        return seen, self.binder.revision, self.mode, self.view, self.counts_rays
+        return seen, self.binder.scene_revision, self.mode, self.view, self.counts_rays
 
     def expose(self, camera: Camera) -> None:
         """Show the path tracer's picture with another exposure and tone mapping, without tracing anything."""

@@ -85,9 +85,9 @@ def test_a_binder_moves_the_ball_with_one_update(device):
         scene.lights["bulb"].position = (3, 1, 0)
         binder.update()
         assert binder.instances[row].transform[:3, 3].tolist() == [3, 1, 0]
-        revision = binder.revision
+        revision = binder.scene_revision
         binder.update()
-        assert binder.revision == revision
+        assert binder.scene_revision == revision
         scene.remove("bulb")
         binder.update()
         assert row not in binder.instances

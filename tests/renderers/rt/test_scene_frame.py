@@ -154,10 +154,10 @@ def test_shaders_know_the_features_that_the_scene_has(device, folder, monkeypatc
     binder = SceneBinder(device, scene)
     with sv.SceneFrame(device, binder, [stage("shiny", "plain")], glsl_root=folder) as frame:
         assert (submitted(frame)[0], binder.features) == (1, set())
-        version = binder.version
+        version = binder.bindings_version
         instance.material.metallic = 1.0
         assert (submitted(frame)[0], binder.features) == (2, {"SCENE_SHINY"})
-        assert binder.version > version
+        assert binder.bindings_version > version
         scene.remove(instance)
         assert submitted(frame)[0] == 2  # kept, so that objects that come and go don't compile pipelines anew
         with sv.SceneFrame(device, binder, [stage("shiny", "plain")], glsl_root=folder) as other:
