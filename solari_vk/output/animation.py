@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from solari_vk.base.errors import SolariError
 from solari_vk.base.files import read_json
-from solari_vk.scene.matrices import nearest_rotation, rotation, turned_about
+from solari_vk.scene.matrices import nearest_rotation, rotation, turned_about, unit
 from solari_vk.scene.model import Camera
 
 MAX_CAMERAS = 100_000
@@ -111,8 +111,8 @@ def _pose(path: Path, index: int, item: dict[str, Any], camera: Camera) -> Camer
 
 
 def _axes(camera: Camera) -> NDArray[np.float64]:
-    axes = camera.transform[:3, :3]
-    return np.asarray(axes / np.linalg.norm(axes, axis=0))
+    """The camera's axes (3, 3), one a row, without their lengths."""
+    return unit(camera.transform[:3, :3].T)
 
 
 def _interpolate(

@@ -113,6 +113,15 @@ def test_poses_without_times_are_a_second_apart_and_count_divides_the_path_evenl
 
 
 @pytest.mark.filterwarnings("error::RuntimeWarning")
+def test_scales_of_poses_are_left_out(path):
+    """Also one whose square is too small for floats."""
+    turned = sv.Camera.look_at((4, 1, 3), (0, 0, 0)).transform
+    poses = [{"transform": (matrix @ np.diag([1e-200, 1, 1, 1])).tolist()} for matrix in (np.eye(4), turned)]
+    first, last = path(poses, count=2)
+    np.testing.assert_allclose([first.transform, last.transform], [np.eye(4), turned], atol=1e-12)
+
+
+@pytest.mark.filterwarnings("error::RuntimeWarning")
 @pytest.mark.parametrize(
     ("poses", "words"),
     [
