@@ -84,14 +84,14 @@ def test_share_of_power_that_was_added_or_removed():
 def test_change_decays(lights):
     ids, powers = np.array([1, 2], np.uint32), np.array([3.0, 1.0])
     lights.update(ids, powers)
-    assert lights.change == 0, "the first frame has nothing to compare with"
+    assert lights.changed_power == 0, "the first frame has nothing to compare with"
     lights.update(ids[:1], powers[:1])
-    assert lights.change == 1 / 4
+    assert lights.changed_power == 1 / 4
     dimmed = powers[:1]
     for frame in range(1, 40):
         lights.update(ids[:1], dimmed)
-        assert lights.change in (0, pytest.approx(CHANGE_DECAY**frame / 4))
-    assert lights.change == 0
+        assert lights.changed_power in (0, pytest.approx(CHANGE_DECAY**frame / 4))
+    assert lights.changed_power == 0
 
 
 def test_share_of_power_that_moved():
