@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from support.files import GltfWriter
 
+import solari_vk as sv
 from solari_vk.base.errors import SolariError
 from solari_vk.scene.files.gltf import EXTENSIONS, load_gltf
 
@@ -231,6 +232,39 @@ def test_wrong_lights(writer, light):
     writer.json["extensions"] = {"KHR_lights_punctual": {"lights": [light]}}
     writer.node(extensions={"KHR_lights_punctual": {"light": 0}})
     assert not writer.load_with_loss("light 0").lights
+
+
+LARGEST = float(np.finfo(np.float32).max)
+
+
+def test_numbers_without_a_maximum_may_be_the_largest_float(writer):
+    """glTF sets no upper limit to these, and exporters write the largest float for "no limit"."""
+    kinds = [{"type": kind, "intensity": 7.0, "range": LARGEST} for kind in ("point", "spot")]
+    kinds += [{"type": kind, "intensity": LARGEST} for kind in ("point", "directional")]
+    writer.json["extensions"] = {"KHR_lights_punctual": {"lights": kinds}}
+    for number in range(len(kinds)):
+        writer.node(extensions={"KHR_lights_punctual": {"light": number}})
+    lens = {"xmag": LARGEST, "ymag": LARGEST, "znear": 0.1, "zfar": LARGEST}
+    writer.json["cameras"] = [{"type": "orthographic", "orthographic": lens}]
+    writer.node(camera=0)
+    strength = {"KHR_materials_emissive_strength": {"emissiveStrength": LARGEST}}
+    turn = {"KHR_materials_anisotropy": {"anisotropyStrength": 0.5, "anisotropyRotation": -LARGEST}}
+    writer.json["materials"] = [{"emissiveFactor": [1, 0.5, 0], "extensions": strength | turn}]
+    writer.node(mesh=writer.mesh(material=0))
+    scene = writer.load()
+    *lamps, sun = scene.lights
+    assert [(lamp.range, lamp.intensity) for lamp in lamps] == [(None, 7), (None, 7), (None, 1e15)]
+    assert sun.illuminance == 1e15
+    assert len(scene.cameras) == 1
+    material = next(iter(scene.instances)).material
+    np.testing.assert_allclose(material.emissive, [1e18, 5e17, 0])
+    assert material.anisotropy == 0.5
+    assert [line.split(":")[0] for line in scene.warnings] == [
+        "materials brighter than 1e+18 cd/m^2 are dimmed to that",
+        "lights brighter than 1e+15 are dimmed to that",
+    ]
+    assert sv.PointLight((0, 0, 0), range=LARGEST).range == LARGEST
+    assert sv.PointLight((0, 0, 0), range=math.inf).range is None
 
 
 # ---- extensions -------------------------------------------------------------------------------------

@@ -17,6 +17,7 @@ from solari_vk.scene.lights.profile import LightProfile
 from solari_vk.scene.observable import checked
 
 MIN_RADIUS = 1e-5  # meters: the radiance of smaller spheres overflows
+_reach = checks.number(1e-5, math.inf, "m", optional=True)
 MIN_COSINE_STEP = 1e-3  # between the cones of a spotlight, from the code that KHR_lights_punctual recommends
 
 
@@ -40,7 +41,7 @@ class PunctualLight(Light):
         "intensity": checks.number(0, 1e15, "cd"),
         "color": checks.color(0, 1e6),
         "radius": checks.number(0, 1e6, "m"),
-        "range": checks.number(1e-5, 1e18, "m", optional=True),
+        "range": lambda value: None if value == math.inf else _reach(value),
     }
 
     _derived: ClassVar[tuple[str, ...]] = ("lumens", "kelvin")
@@ -112,8 +113,8 @@ class PointLight(PunctualLight):
     meets. A larger radius makes a sphere of the same intensity, with soft shadows; cameras and mirrors see it, and pass
     through. blocks_light: the lamp's own sphere stops the light of other lamps and hides what is behind it, which needs
     a radius; objects that the lamp lights cast shadows either way.
-    range: in meters; light is dimmed towards this distance and ends there, by the window that glTF recommends; None:
-    without end, as real light.
+    range: in meters; light is dimmed towards this distance and ends there, by the window that glTF recommends; None, or
+    infinity: without end, as real light.
 
     profile: a LightProfile, which says how bright each direction is in proportion to `intensity`, that of the brightest
     one; None: all are alike. ies, in its place: a file after ANSI/IES LM-63, or a LightProfile; unless intensity or

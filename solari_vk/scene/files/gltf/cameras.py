@@ -54,9 +54,9 @@ def read_lens(entry: Entry) -> dict[str, Any] | None:
     if lens is None:
         raise entry.error(f"has no '{kind}'; export the file again")
     # znear of 0 is allowed in orthographic cameras (glTF 2.0, 5.13.4).
-    near = max(lens.number("znear", low=0, high=1e15), 1e-9)
+    near = max(lens.limited("znear", low=0, limit=1e15), 1e-9)
     if kind == "perspective":
         return {"vertical_fov": lens.number("yfov", low=1e-4, high=LARGEST_YFOV), "near": near}
-    height = 2 * abs(lens.number("ymag", low=-1e15, high=1e15))
+    height = 2 * abs(lens.limited("ymag", limit=1e15))
     # Depths are ratios to the near plane's, which may be at 0 in this projection.
     return {"orthographic_height": height, "near": max(near, 1e-6 * height)} if height else None

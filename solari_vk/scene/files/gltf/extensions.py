@@ -38,7 +38,7 @@ class Extension(NamedTuple):
 def _anisotropy(extension: Entry, material: Entry, report: Report) -> dict[str, Any]:
     return {
         "anisotropy": extension.number("anisotropyStrength", 0.0, low=0, high=1),
-        "anisotropy_rotation": extension.number("anisotropyRotation", 0.0, low=-1e6, high=1e6),
+        "anisotropy_rotation": extension.limited("anisotropyRotation", 0.0, limit=1e6),
     }
 
 
@@ -47,7 +47,7 @@ def _clearcoat(extension: Entry, material: Entry, report: Report) -> dict[str, A
     return {
         "clearcoat": extension.number("clearcoatFactor", 0.0, low=0, high=1),
         "clearcoat_roughness": extension.number("clearcoatRoughnessFactor", 0.0, low=0, high=1),
-        "clearcoat_normal_scale": normal.number("scale", 1.0, low=-1e6, high=1e6) if normal else 1.0,
+        "clearcoat_normal_scale": normal.limited("scale", 1.0, limit=1e6) if normal else 1.0,
     }
 
 

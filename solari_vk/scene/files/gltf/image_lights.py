@@ -46,7 +46,7 @@ def read_environment(document: Document, scene: Entry, report: Report, strict: b
     turn = np.array(quaternion_rotation(x, y, z, w))
     return Environment(
         unroll_cube(faces),
-        intensity=light.number("intensity", 1.0, low=0, high=1e9),
+        intensity=light.limited("intensity", 1.0, low=0, limit=1e9),
         rotation=nearest_rotation(turn) if turn.any() else np.eye(3),
         name=light.name,
     )

@@ -83,7 +83,7 @@ class Lights:
         peak = self._profile(user).peak
         # EXT_lights_ies: the profile's candelas times a multiplier. Its color is at most 1.
         color = np.clip(user.numbers("color", (1.0, 1.0, 1.0), low=0, high=1e6), 0, 1).astype(np.float32)
-        intensity = self._limited(peak * user.number("multiplier", 1.0, low=0, high=1e30), user)
+        intensity = self._limited(peak * user.number("multiplier", 1.0, low=0), user)
         return {"intensity": intensity, "color": color}
 
     def _profile(self, user: Entry) -> LightProfile:
@@ -105,11 +105,11 @@ class Lights:
     def fields(self, entry: Entry) -> dict[str, Any]:
         """The fields that a light of the file sets, but its place and name."""
         kind = entry.text("type")
-        intensity = self._limited(entry.number("intensity", 1.0, low=0, high=1e30), entry)
+        intensity = self._limited(entry.number("intensity", 1.0, low=0), entry)
         color = np.array(entry.numbers("color", (1.0, 1.0, 1.0), low=0, high=1e6), np.float32)
         if kind == "directional":
             return {"illuminance": intensity, "color": color}
-        reach = entry.number("range", MAX_RANGE, low=0, high=MAX_RANGE)
+        reach = entry.limited("range", MAX_RANGE, low=0, limit=MAX_RANGE)
         # glTF forbids a range of 0, but programs write it and mean no limit.
         if reach < MIN_RANGE:
             reach = MAX_RANGE

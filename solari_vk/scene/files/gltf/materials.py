@@ -109,7 +109,10 @@ class Materials:
             # KHR_materials_emissive_strength; glTF's own factor is at most 1, which counts as 1 cd/m^2.
             emissive = emissive * strength.number("emissiveStrength", 1.0, low=0)
         if emissive.max() > checks.LARGEST_RADIANCE:
-            raise entry.error(f"emits more than {checks.LARGEST_RADIANCE:g} cd/m^2; lower factor or strength")
+            self._report.add(
+                f"materials brighter than {checks.LARGEST_RADIANCE:g} cd/m^2 are dimmed to that", entry.place
+            )
+            emissive *= checks.LARGEST_RADIANCE / emissive.max()
         normal = slots.get("normal_texture")
         fields: dict[str, Any] = {
             "base_color": np.array(base_color[:3], np.float32),
@@ -126,7 +129,7 @@ class Materials:
             fields |= self._baker.bake(fields, entry)
         return fields | {
             "emissive": emissive.astype(np.float32),
-            "normal_scale": normal.entry.number("scale", 1.0, low=-1e6, high=1e6) if normal else 1.0,
+            "normal_scale": normal.entry.limited("scale", 1.0, limit=1e6) if normal else 1.0,
             "alpha_mode": entry.text("alphaMode", "OPAQUE", ("OPAQUE", "MASK", "BLEND")).lower(),
             # A cutoff above 1 is allowed, and leaves nothing of a masked surface.
             "alpha_cutoff": min(entry.number("alphaCutoff", 0.5, low=0), checks.LARGEST_CUTOFF),

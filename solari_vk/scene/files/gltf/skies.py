@@ -79,7 +79,7 @@ def _gradient(fields: Entry) -> NDArray[np.float64]:
     column = np.zeros((GRADIENT_ROWS, 1, 3))
     for side, key, curve in ((height > 0, "top", 0.15), (height < 0, "bottom", 0.02)):
         # The color changes fastest at the horizon, since the exponent is far above 1.
-        power = 1 / fields.number(f"{key}Curve", curve, low=1e-6, high=1e6)
+        power = 1 / fields.limited(f"{key}Curve", curve, low=1e-6, limit=1e6)
         share = 1 - (1 - np.abs(height[side])) ** power
         column[side, 0] = horizon + share[:, None] * (_color(fields, f"{key}Color") - horizon)
     return column

@@ -79,9 +79,9 @@ class Textures:
         if transform is None:
             return Slot(info, index, images, uv_set)
         # offset, rotation and scale make one matrix; texCoord replaces that of the texture.
-        u, v = transform.numbers("offset", (0.0, 0.0), low=-1e9, high=1e9)
-        scale_u, scale_v = transform.numbers("scale", (1.0, 1.0), low=-1e9, high=1e9)
-        angle = transform.number("rotation", 0.0, low=-1e9, high=1e9)
+        u, v = np.clip(transform.numbers("offset", (0.0, 0.0)), -1e9, 1e9).tolist()
+        scale_u, scale_v = np.clip(transform.numbers("scale", (1.0, 1.0)), -1e9, 1e9).tolist()
+        angle = transform.limited("rotation", 0.0, limit=1e9)
         cos, sin = math.cos(angle), math.sin(angle)
         # KHR_texture_transform: uvs are scaled, then turned counter-clockwise in the image (v increases downwards),
         # then moved.

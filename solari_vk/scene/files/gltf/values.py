@@ -86,6 +86,11 @@ class Entry:
             raise self.wrong(key, f"a finite number{_bounds(low, high)}")
         return value
 
+    def limited(self, key: str, default: float | None = None, *, low: float = -math.inf, limit: float) -> float:
+        """A finite number for which glTF has no maximum, such as the largest float for "no limit"; above the limit of
+        the scene's objects it becomes that, and likewise below its negative."""
+        return min(max(self.number(key, default, low=low), -limit), limit)
+
     def numbers(
         self, key: str, default: tuple[float, ...], *, low: float = -math.inf, high: float = math.inf
     ) -> tuple[float, ...]:
