@@ -281,10 +281,18 @@ class LightOverrides(Overrides[Light, list[Light | None]]):
         return 0 if light is None else self._edits.get(light, 0)
 
     def replace(self, item: Light, values: list[Light | None] | None) -> None:
+        before = set(self._values.get(item, ()))
         super().replace(item, values)
-        for light in values or ():
+        for light in set(values or ()) - before:
             if light is not None:
                 light.watch(self)
+                self.mark_changed(light)  # it may have been edited while no world had it
+        gone = before - set(values or ())
+        if gone:
+            gone -= {light for lights in self._values.values() for light in lights}
+        for light in gone:
+            if light is not None:
+                light.unwatch(self)
 
 
 class WorldOverrides:

@@ -189,17 +189,19 @@ class Worlds:
         differing = self._overridden_instances.all(overrides, blockers)
         # Lists of lights that are others often leave each emitter its row, which is all that instances say of lights.
         has_new_rows = self._lights.light_index is not self._written_light_index
-        if not (has_new_lights or blockers) and self._only_tensors_moved(overrides, differing):
+        # Also where the ball of a light is the scene's again.
+        differ_elsewhere = self._written_key != self._array_key(differing)
+        if not (has_new_lights or blockers or differ_elsewhere) and self._only_tensors_moved(overrides, differing):
             self._build(differing, moved)
-        elif has_new_surfaces or has_new_rows or moved or blockers:
+        elif has_new_surfaces or has_new_rows or moved or blockers or differ_elsewhere:
             self._write(differing)
         self._is_current = True
         overrides.confirm()
 
     def _only_tensors_moved(self, overrides: WorldOverrides, differing: Mapping[Instance, InstanceOverride]) -> bool:
-        """Whether all that changed are transforms that the device has, which it writes by itself."""
+        """Whether all transforms that changed are those that the device has, which it writes by itself."""
         moved = overrides.transforms.changed
-        if not moved or self._written_key != self._array_key(differing):
+        if not moved:
             return False
         transforms = [differing.get(instance, InstanceOverride()).transforms for instance in moved]
         return all(isinstance(values, DeviceTensor) for values in transforms)

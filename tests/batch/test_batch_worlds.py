@@ -434,6 +434,36 @@ def test_a_light_takes_one_place_in_a_world(device):
             batch.render(poses)
 
 
+def test_a_light_that_is_the_scenes_again_leaves_nothing_of_the_worlds(device):
+    """Its ball casts the scene's shadow, and edits of lights that no world has any more count for nothing, but for
+    those of one that comes back."""
+    scene, _ = own_room(False)
+    ball = {"intensity": 3.0, "radius": 0.2, "blocks_light": True}
+    scene.add(sv.PointLight((0.6, 0.4, 0.6), **ball, name="ball"))
+    scene.add(sv.PointLight((1, 1, 1), intensity=1, name="bulb"))
+    poses, kept, moved = (
+        np.tile(CAMERAS[:1], (2, 1, 1)),
+        sv.PointLight((1, 1.2, 1)),
+        sv.PointLight((1.4, 1, 0.8), **ball),
+    )
+    with sv.Batch(device, scene, SIZE, 2, worlds=2, renderer="reference", outputs=()) as batch:
+
+        def shown():
+            batch.render(poses, fov=50)
+            return batch._worlds._traced.copy(), batch["radiance"]
+
+        batch.world_lights["bulb"] = [kept, None]
+        expected, _ = shown()
+        batch.world_lights["ball"] = [moved, None]
+        _, before = shown()
+        del batch.world_lights["ball"]
+        np.testing.assert_array_equal(shown()[0], expected)
+        moved.intensity = 300.0
+        assert not batch._worlds.overrides.changed
+        batch.world_lights["ball"] = [moved, None]
+        assert shown()[1].mean() > 1.5 * before.mean()
+
+
 def test_changes_of_all_worlds_count_where_they_share_lights_again(device):
     def known(power):
         return LightState(np.ones(1, np.uint32), np.array([power]), np.zeros((1, 3)), np.zeros((1, 3)))
