@@ -14,7 +14,8 @@ struct Demodulation {
 const float MIN_DEMODULATION = 0.02;  // for black surfaces
 
 Demodulation demodulation(GBufferSurface surface) {
-    LobeAlbedos albedos = lobe_albedos(surface.material, max(dot(surface.world_normal, surface.wo), 0.0));
+    vec3 wo = surface.wo * orthonormalize(surface.world_normal);
+    LobeAlbedos albedos = lobe_albedos(surface.material, vec3(wo.xy, max(wo.z, 0.0)));
     return Demodulation(
         mix(vec3(MIN_DEMODULATION), vec3(1.0), albedos.diffuse),
         mix(vec3(MIN_DEMODULATION), vec3(1.0), albedos.specular)

@@ -3,6 +3,9 @@
 // Directions point away from the surface, in the frame whose z axis is the shading normal (orthonormalize). Values
 // include the cosine of wi. Each lobe stands in a file of scene/lobes, whose list.glsl names those that few materials
 // have; this file loops over them. Sources: the papers named there.
+//
+// A coat has a normal of its own. Where a normal map tilts the base, the coat reflects directions below the base's
+// shading normal too, as far as they are above the surface.
 #ifndef SCENE_BRDF_GLSL
 #define SCENE_BRDF_GLSL
 
@@ -69,17 +72,18 @@ void add_albedo(inout LobeAlbedos sum, LobeAlbedo lobe, float passed) {
 }
 
 #define ADD_BASE_ALBEDO(name, Lobe, Parameters, NONE, FEATURE, Bits) \
-    if (FEATURE) { add_albedo(below, lobe_albedo(material.name, base, cosine), 1.0); }
+    if (FEATURE) { add_albedo(below, lobe_albedo(material.name, base, wo), 1.0); }
 // From the top to the bottom, as glTF orders layers: each takes from the light below it what it reflects. In scenes
 // without layers too, or drivers would round products in another order there.
 #define ADD_LAYER_ALBEDO(name, Lobe, Parameters, NONE, FEATURE, Bits) \
     { \
-        LobeAlbedo layer = lobe_albedo(material.name, base, cosine); \
+        LobeAlbedo layer = lobe_albedo(material.name, base, wo); \
         add_albedo(above, layer, passed); \
         passed *= 1.0 - cover_of(layer); \
     }
-LobeAlbedos lobe_albedos(ResolvedMaterial material, float cosine) {
+LobeAlbedos lobe_albedos(ResolvedMaterial material, vec3 wo) {
     BaseMaterial base = material.base;
+    float cosine = wo.z;
     if (lambertian_surfaces || SCENE_UNLIT && base.unlit) { return LobeAlbedos(base.color, vec3(0.0)); }
     vec2 ab = albedo_terms(base.roughness <= MIRROR_ROUGHNESS, table_roughness(base), cosine);
     vec3 dielectric = specular_albedo(reflectance_f0(base.reflectance), ab);
@@ -227,9 +231,12 @@ vec3 below_layers(Brdf brdf, vec3 value, vec3 wo, vec3 wi) {
 #define ADD_SPECULAR(name, Lobe, Parameters, NONE, FEATURE, Bits) \
     if (FEATURE) { value += specular_value(brdf.name, wo, wi); }
 
+// Whether wi, below the shading normal, is below the surface too, where the base may transmit light.
+bool is_below_surface(Brdf brdf, vec3 wi) { return wi.z < 0.0 && !(SCENE_LAYERS && is_above_surface(brdf.coat, wi)); }
+
 // The light of diffuse lobes, of the base and of layers such as sheen.
 vec3 evaluate_diffuse_brdf(Brdf brdf, vec3 wo, vec3 wi) {
-    if (SCENE_DIFFUSE_TRANSMISSION && wo.z > 0.0 && wi.z < 0.0) {
+    if (SCENE_DIFFUSE_TRANSMISSION && wo.z > 0.0 && is_below_surface(brdf, wi)) {
         vec3 value = evaluate_diffuse_transmission(brdf.diffuse_transmission, brdf.specular, wo, wi);
         return below_layers(brdf, value, wo, wi);
     }
@@ -247,7 +254,7 @@ vec3 evaluate_diffuse_brdf(Brdf brdf, vec3 wo, vec3 wi) {
 vec3 evaluate_specular_brdf(Brdf brdf, vec3 wo, vec3 wi) {
     if (lambertian_surfaces || !(wo.z > 0.0)) { return vec3(0.0); }
     vec3 value = evaluate_specular(brdf.specular, wo, wi);
-    BASE_LOBES(ADD_SPECULAR)
+    if (wi.z > 0.0 || is_below_surface(brdf, wi)) { BASE_LOBES(ADD_SPECULAR) }
     if (!SCENE_LAYERS) { return value; }
     vec3 own = vec3(0.0);
     float passed = 1.0;
@@ -267,7 +274,7 @@ vec3 brdf_times_cosine(Brdf brdf, vec3 wo, vec3 wi) {
 // The density with which sample_brdf chooses wi, in solid angle.
 float brdf_pdf(Brdf brdf, vec3 wo, vec3 wi) {
     bool above = wi.z > 0.0;
-    if (!(wo.z > 0.0) || !(above || SCENE_TRANSMISSION)) { return 0.0; }
+    if (!(wo.z > 0.0) || !(above || SCENE_TRANSMISSION || SCENE_LAYERS)) { return 0.0; }
     float pdf = above ? mix(diffuse_pdf(wi), specular_pdf(brdf.specular, wo, wi), brdf.specular_probability) : 0.0;
     if (SCENE_DIFFUSE_TRANSMISSION) {
         pdf += (1.0 - brdf.specular_probability) * diffuse_transmission_pdf(brdf.diffuse_transmission, wi);
@@ -305,9 +312,10 @@ BrdfSample delta_sample(vec3 wi, vec3 weight) { return without_values(wi, weight
 const float NOT_WEIGHED = -1.0;
 BrdfSample propose(vec3 wi, bool diffuse) { return without_values(wi, vec3(0.0), NOT_WEIGHED, diffuse); }
 
-// The same of a lobe that only reflects: what it sends below the surface is no sample of one that transmits.
+// The same of a lobe that only reflects: what it sends below the surface is no sample of one that transmits, nor, below
+// the shading normal, of a coat.
 BrdfSample propose_reflection(vec3 wi) {
-    return SCENE_TRANSMISSION && !(wi.z > 0.0) ? invalid_sample() : propose(wi, false);
+    return (SCENE_TRANSMISSION || SCENE_LAYERS) && !(wi.z > 0.0) ? invalid_sample() : propose(wi, false);
 }
 
 BrdfSample weigh_sample(Brdf brdf, vec3 wo, vec3 wi, bool diffuse) {
@@ -333,6 +341,7 @@ BrdfSample propose_by_lobes(Brdf brdf, vec3 wo, float choice, vec2 u) {
     BASE_LOBES(DRAW)
     if (!drawn.valid) { return invalid_sample(); }
     if (!drawn.delta) { return propose(drawn.wi, drawn.diffuse); }
+    if (below && !(drawn.wi.z > 0.0 || is_below_surface(brdf, drawn.wi))) { return invalid_sample(); }
     vec3 weight = drawn.color * (drawn.share / probability);
     return delta_sample(drawn.wi, below ? below_layers(brdf, weight, wo, drawn.wi) : weight);
 }

@@ -86,11 +86,14 @@ PackedLobes pack_lobes(ResolvedMaterial material, vec3 world_normal, vec3 packed
 }
 
 #define UNPACK(name, Lobe, Parameters, NONE, FEATURE, Bits) material.name = unpack_lobe(NONE, packed.name, frame);
-ResolvedMaterial unpack_lobes(ResolvedMaterial material, PackedLobes packed, vec3 world_normal) {
+ResolvedMaterial unpack_lobes(
+    ResolvedMaterial material, PackedLobes packed, vec3 world_normal, vec3 geometric_world_normal
+) {
     mat3 frame = orthonormalize(world_normal);
     if (SCENE_IRIDESCENCE) { material.base.film = unpack_film(packed.film); }
     material.base = unpack_base(material.base, packed.base);
     ALL_LOBES(UNPACK)
+    material.coat.surface_normal = geometric_world_normal * frame;
     return material;
 }
 

@@ -222,6 +222,7 @@ SurfaceInteraction resolve_surface_interaction(Hit hit, Mesh mesh, vec3 ray_dire
         }
         mat3 frame = orthonormalize(surface.world_normal);
         surface.material.coat.normal = coat_normal * frame;
+        surface.material.coat.surface_normal = surface.geometric_world_normal * frame;
         orient_anisotropy(surface.material.base, frame, tangents);
     }
     if (surface.unlit) {

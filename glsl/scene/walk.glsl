@@ -234,10 +234,12 @@ vec3 ray_origin(SurfaceInteraction surface, vec3 direction) {
 }
 
 // Whether the shading and the geometric normal put a direction on the same side of the surface: above, or below if the
-// scene has transmission. `cos_theta` is its cosine with the shading normal.
+// scene has transmission. `cos_theta` is its cosine with the shading normal. Above the surface and below the shading
+// normal a coat reflects, whose normal is another; the BRDF is 0 there without one.
 bool is_on_valid_side(float cos_theta, vec3 direction, vec3 geometric_normal) {
     float geometric = dot(direction, geometric_normal);
-    return (cos_theta > 0.0 && geometric > 0.0) || (SCENE_TRANSMISSION && cos_theta < 0.0 && geometric < 0.0);
+    return ((cos_theta > 0.0 || SCENE_LAYERS) && geometric > 0.0)
+        || (SCENE_TRANSMISSION && cos_theta < 0.0 && geometric < 0.0);
 }
 
 // Leaves a surface in a sampled direction; the caller sets walk.origin. `frame` has the shading normal as its z axis,
@@ -249,7 +251,7 @@ bool scatter(inout Walk walk, BrdfSample next, mat3 frame, vec3 geometric_normal
     walk.delta_path_from_camera = walk.delta_path_from_camera && next.pdf == INFINITY;
     walk.mis_pdf = next.pdf;
     walk.throughput *= next.weight;
-    if (SCENE_TRANSMISSION && next.wi.z < 0.0) {
+    if (SCENE_TRANSMISSION && dot(walk.direction, geometric_normal) < 0.0) {
         walk.medium = below;
         if (SCENE_DISPERSION) { walk.wavelength = walk.wavelength_below; }
     }
@@ -299,7 +301,7 @@ NextEvent sample_light(
     vec3 wi = light.wi * frame;
     if (!is_on_valid_side(wi.z, light.wi, surface.geometric_world_normal)) { return event; }
     event.origin = ray_origin(surface, light.wi);
-    event.medium = wi.z < 0.0 ? below : walk.medium;
+    event.medium = dot(light.wi, surface.geometric_world_normal) < 0.0 ? below : walk.medium;
     vec3 value = light.radiance_in_area_measure * light.inverse_area_pdf * brdf_times_cosine(brdf, wo, wi);
     if (mis) { value *= power_heuristic(light.solid_angle_pdf, brdf_pdf(brdf, wo, wi)); }
     event.radiance = walk.throughput * value;

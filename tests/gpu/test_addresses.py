@@ -47,7 +47,7 @@ COUNT = 21
 REALTIME = 155_000, 34_000, 45
 # Instructions of modules for scenes with any features. One place for each lobe, light sample and ray counts most.
 WITH_FEATURES = {
-    "passes/paths/first_ray.comp": 137_000,
+    "passes/paths/first_ray.comp": 138_000,
     "passes/paths/later_rays.comp": 116_000,
     "passes/world_cache/sample.comp": 111_000,
     "passes/reference/trace.comp": 28_000,

@@ -125,7 +125,8 @@ GBufferSurface load_gbuffer(uvec2 pixel) {
     if (surface.exists) { surface.ray_offset = gbuffer_ray_offset(surface); }
     if (SCENE_LOBES && surface.exists) {
         PackedLobes packed = gbuffer_lobes.at[element_index(pixel, camera.size)];
-        surface.material = unpack_lobes(surface.material, packed, surface.world_normal);
+        surface.material =
+            unpack_lobes(surface.material, packed, surface.world_normal, surface.geometric_world_normal);
     }
     return surface;
 }

@@ -28,9 +28,10 @@ struct Guides {
     bool is_primary;  // false where a mirror is replaced by what it shows
 };
 
-void describe(inout Guides guides, ResolvedMaterial material, float NdotV) {
+// wo: in the frame orthonormalize(shading normal)
+void describe(inout Guides guides, ResolvedMaterial material, vec3 wo) {
     guides.diffuse_albedo = diffuse_color(material);
-    guides.specular_albedo = lobe_albedos(material, NdotV).specular;  // the environment BRDF
+    guides.specular_albedo = lobe_albedos(material, wo).specular;  // the environment BRDF
     guides.perceptual_roughness = material.base.perceptual_roughness;
 }
 
@@ -100,7 +101,7 @@ Guides replace_primary_surface(GBufferSurface seen, uvec2 pixel) {
         virtual_position = camera.world_from_view[3] + mat3(chain) * (walk.direction * FAR_AWAY);
         previous_virtual_position = previous_camera.world_from_view[3] + mat3(previous_chain) * previous_position;
     } else {
-        describe(guides, surface.material, dot(surface.world_normal, -walk.direction));
+        describe(guides, surface.material, -walk.direction * orthonormalize(surface.world_normal));
         bool reflects = !surface.unlit && max_component(guides.diffuse_albedo + guides.specular_albedo) > 0.0;
         guides.is_noisy = !passes_light && reflects;
         guides.shows_light = passes_light || max_component(shown_emission(surface)) > 0.0;
@@ -126,10 +127,10 @@ void main() {
     GBufferSurface surface = load_gbuffer(pixel);
     Guides guides = Guides(vec3(0.0), vec3(0.0), vec3(0.0), 0.0, imageLoad(depth, at).x, motion, true, false, true);
     if (surface.exists) {
-        float cosine = dot(surface.world_normal, surface.wo);
-        describe(guides, surface.material, cosine);
+        vec3 wo = surface.wo * orthonormalize(surface.world_normal);
+        describe(guides, surface.material, wo);
         guides.world_normal = surface.world_normal;
-        bool is_wall = is_clear_wall(surface.material, cosine);
+        bool is_wall = is_clear_wall(surface.material, wo.z);
         if ((is_wall || is_metal_mirror(surface.material)) && frame_settings.primary_surface_replacement != 0u) {
             Guides shown = replace_primary_surface(surface, pixel);
             // Lights behind glass have noise, since paths see them or what the glass reflects.

@@ -153,7 +153,7 @@ bool look_up_world_cache(inout Path path, SurfaceInteraction surface) {
         surface.world_position, surface.geometric_world_normal, cell_size, path.cache_lifetime, path.rng
     );
     if (!cached.found) { return true; }
-    LobeAlbedos albedos = lobe_albedos(surface.material, path.vertex.wo.z);
+    LobeAlbedos albedos = lobe_albedos(surface.material, path.vertex.wo);
     bool rough = is_rough(surface.material);
     vec3 albedo = albedos.diffuse + (rough ? albedos.specular : vec3(0.0));
     add_light(

@@ -51,9 +51,9 @@ WorldCacheResult query_world_cache(
 // The share of uniform incoming light that a surface reflects towards a direction. Differs from Solari, which takes
 // the base color (world_cache_surfaces=diffuse) and so ignores the specular lobe of dielectrics and makes metals
 // diffuse.
-vec3 surface_albedo(ResolvedMaterial material, float cosine) {
+vec3 surface_albedo(ResolvedMaterial material, vec3 wo) {
     if (world_cache_settings.surfaces == WORLD_CACHE_SURFACES_DIFFUSE) { return material.base.color; }
-    LobeAlbedos albedos = lobe_albedos(material, cosine);
+    LobeAlbedos albedos = lobe_albedos(material, wo);
     return albedos.diffuse + albedos.specular;
 }
 
@@ -109,7 +109,7 @@ GatheredLight gather_light(Walk walk, bool finest_for_short_rays, uint lifetime,
         }
         if (!found.exists) { break; }
         SurfaceInteraction hit = found.surface;
-        vec3 albedo = surface_albedo(hit.material, dot(hit.world_normal, -walk.direction));
+        vec3 albedo = surface_albedo(hit.material, -walk.direction * orthonormalize(hit.world_normal));
         vec3 reflectance = walk.throughput * (INVERSE_PI * albedo);
         float ray_t = finest_for_short_rays ? found.ray_t : INFINITY;
         if (i == 0u) {

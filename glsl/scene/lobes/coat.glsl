@@ -15,16 +15,17 @@ struct CoatParameters {
     float weight;
     float perceptual_roughness;
     vec3 normal;
+    vec3 surface_normal;  // the geometric one, on the side from which the surface is seen
 };
 
-const CoatParameters NO_COAT = CoatParameters(0.0, 0.0, vec3(0.0, 0.0, 1.0));
+const CoatParameters NO_COAT = CoatParameters(0.0, 0.0, vec3(0.0, 0.0, 1.0), vec3(0.0, 0.0, 1.0));
 
-// Without its normal.
+// Without its normals.
 CoatParameters resolve_coat(Material material, TexturePoint point) {
     return CoatParameters(
         material.clearcoat * sampled_or_one(material.clearcoat_texture, point, 0u),
         material.clearcoat_roughness * sampled_or_one(material.clearcoat_roughness_texture, point, 1u),
-        NO_COAT.normal
+        NO_COAT.normal, NO_COAT.surface_normal
     );
 }
 
@@ -36,9 +37,11 @@ uvec2 pack_coat(CoatParameters coat, mat3 frame) {
     );
 }
 
+// Without `surface_normal`.
 CoatParameters unpack_coat(uvec2 bits, mat3 frame) {
     return CoatParameters(
-        unpack_unorm(bits.x, 8u), unpack_unorm(bits.x >> 8u, 8u), unpack_octahedral_2x16(bits.y) * frame
+        unpack_unorm(bits.x, 8u), unpack_unorm(bits.x >> 8u, 8u), unpack_octahedral_2x16(bits.y) * frame,
+        NO_COAT.surface_normal
     );
 }
 
@@ -50,6 +53,7 @@ struct Coat {
     float perceptual_roughness;
     mat3 frame;  // its z axis is the coat's normal
     vec3 wo;     // in that frame
+    vec3 surface_normal;
     float pdf_per_d;
     float multiscatter;
     bool inside;  // wo is below it
@@ -73,6 +77,7 @@ Coat prepare_coat(CoatParameters parameters, bool inside, vec3 wo) {
     Coat coat;
     coat.frame = orthonormalize(parameters.normal);
     coat.wo = wo * coat.frame;
+    coat.surface_normal = parameters.surface_normal;
     coat.inside = inside;
     coat.weight = inside || !(coat.wo.z > 0.0) ? 0.0 : parameters.weight;
     coat.perceptual_roughness = parameters.perceptual_roughness;
@@ -95,6 +100,9 @@ float lobe_cover(Coat coat, vec3 wo, vec3 wi) {
     float lit = wi_inside ? 0.0 : coat_albedo(coat.weight, roughness, abs(dot(wi, coat.frame[2])));
     return max(seen, lit);
 }
+
+// Whether a direction is above the surface, whose base may be tilted by a normal map.
+bool is_above_surface(Coat coat, vec3 wi) { return dot(wi, coat.surface_normal) > 0.0; }
 
 float coat_fresnel(Coat coat, float cosine) {
     return coat.weight * fresnel(vec3(COAT_F0), cosine).x * (1.0 + COAT_F0 * coat.multiscatter);
@@ -137,9 +145,8 @@ Coat prepare_lobe(CoatParameters parameters, BaseMaterial base, vec3 wo) {
     return prepare_coat(parameters, base.inside, wo);
 }
 
-// For a direction with this cosine, whatever the coat's normal.
-LobeAlbedo lobe_albedo(CoatParameters coat, BaseMaterial base, float cosine) {
-    float albedo = coat_albedo(coat.weight, coat.perceptual_roughness, cosine);
+LobeAlbedo lobe_albedo(CoatParameters coat, BaseMaterial base, vec3 wo) {
+    float albedo = coat_albedo(coat.weight, coat.perceptual_roughness, max(dot(wo, coat.normal), 0.0));
     return LobeAlbedo(vec3(1.0), base.inside ? 0.0 : albedo, false);
 }
 
@@ -149,17 +156,18 @@ LobeAlbedo lobe_albedo(Coat coat, vec3 wo) {
 }
 
 vec3 diffuse_value(Coat coat, vec3 wo, vec3 wi) { return vec3(0.0); }
-vec3 specular_value(Coat coat, vec3 wo, vec3 wi) { return vec3(wi.z > 0.0 ? evaluate_coat(coat, wi) : 0.0); }
+vec3 specular_value(Coat coat, vec3 wo, vec3 wi) {
+    return vec3(is_above_surface(coat, wi) ? evaluate_coat(coat, wi) : 0.0);
+}
 
-float lobe_pdf(Coat coat, vec3 wo, vec3 wi) { return wi.z > 0.0 ? coat_pdf(coat, wi) : 0.0; }
+float lobe_pdf(Coat coat, vec3 wo, vec3 wi) { return is_above_surface(coat, wi) ? coat_pdf(coat, wi) : 0.0; }
 
 LobeSample sample_lobe(Coat coat, vec3 wo, float choice, vec2 u) {
     vec3 wi = sample_coat(coat, u);
-    if (is_mirror_coat(coat)) {
-        return wi.z > 0.0 ? mirrored_sample(wi, vec3(1.0), coat_fresnel(coat, coat.wo.z)) : invalid_lobe_sample();
-    }
-    // What a coat that only reflects sends below the surface is no sample of a lobe that transmits.
-    return SCENE_TRANSMISSION && !(wi.z > 0.0) ? invalid_lobe_sample() : spread_sample(wi, false);
+    // What a coat sends below the surface is no sample of a lobe that transmits.
+    if (!is_above_surface(coat, wi)) { return invalid_lobe_sample(); }
+    if (!is_mirror_coat(coat)) { return spread_sample(wi, false); }
+    return mirrored_sample(wi, vec3(1.0), coat_fresnel(coat, coat.wo.z));
 }
 
 float lobe_spread(Coat coat, float probability) { return is_rough_coat(coat) ? coat.perceptual_roughness : 0.0; }

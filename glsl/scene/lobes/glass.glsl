@@ -231,8 +231,8 @@ Glass prepare_lobe(GlassParameters parameters, BaseMaterial base, vec3 wo) {
 
 LobeAlbedo lobe_albedo(Glass glass, vec3 wo) { return LobeAlbedo(glass_albedo(glass, wo.z), glass.weight, false); }
 
-LobeAlbedo lobe_albedo(GlassParameters parameters, BaseMaterial base, float cosine) {
-    return lobe_albedo(prepare_glass(parameters, base, cosine), vec3(0.0, 0.0, cosine));
+LobeAlbedo lobe_albedo(GlassParameters parameters, BaseMaterial base, vec3 wo) {
+    return lobe_albedo(prepare_glass(parameters, base, wo.z), wo);
 }
 
 bool is_mirror(Glass glass) { return glass.roughness <= MIRROR_ROUGHNESS; }

@@ -119,8 +119,8 @@ Sheen prepare_lobe(SheenParameters parameters, BaseMaterial base, vec3 wo) {
     return prepare_sheen(parameters, base.inside);
 }
 
-LobeAlbedo lobe_albedo(SheenParameters sheen, BaseMaterial base, float cosine) {
-    return LobeAlbedo(sheen.color, base.inside ? 0.0 : sheen_albedo(sheen.perceptual_roughness, cosine), true);
+LobeAlbedo lobe_albedo(SheenParameters sheen, BaseMaterial base, vec3 wo) {
+    return LobeAlbedo(sheen.color, base.inside ? 0.0 : sheen_albedo(sheen.perceptual_roughness, wo.z), true);
 }
 
 LobeAlbedo lobe_albedo(Sheen sheen, vec3 wo) {

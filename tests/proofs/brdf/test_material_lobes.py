@@ -296,7 +296,7 @@ uint pack_lobe(DustParameters dust, mat3 frame) { return 0u; }
 DustParameters unpack_lobe(DustParameters none, uint bits, mat3 frame) { return none; }
 void limit_roughness(inout DustParameters dust, float smallest) {}
 Dust prepare_lobe(DustParameters dust, BaseMaterial base, vec3 wo) { return Dust(dust.share); }
-LobeAlbedo lobe_albedo(DustParameters dust, BaseMaterial base, float cosine) {
+LobeAlbedo lobe_albedo(DustParameters dust, BaseMaterial base, vec3 wo) {
     return LobeAlbedo(vec3(1.0), dust.share, true);
 }
 LobeAlbedo lobe_albedo(Dust dust, vec3 wo) { return LobeAlbedo(vec3(1.0), dust.share, true); }

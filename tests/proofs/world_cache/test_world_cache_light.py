@@ -337,7 +337,7 @@ test_a_seeded_bug_is_noticed = bug_tests(
         ),
         "albedo: nothing under the layer": (
             with_shaders(test_albedo_is_what_the_brdf_reflects, "conserving"),
-            Bug(QUERY, "surface_albedo", "return lobe_albedos(material, cosine).specular;"),
+            Bug(QUERY, "surface_albedo", "return lobe_albedos(material, wo).specular;"),
         ),
         "sizes: cells never grow": (
             with_shaders(test_cells_double_with_distance),

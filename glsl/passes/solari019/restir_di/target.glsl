@@ -39,6 +39,10 @@ float di_weight(GBufferSurface surface, ResolvedLightSample resolved) {
     vec3 dielectric_f0 = reflectance_f0(surface.material.base.reflectance);
     vec3 color = max(surface.material.base.color + (1.0 - surface.material.base.metallic) * dielectric_f0, 0.01);
     float cosine = max(dot(light.wi, surface.world_normal), 0.0);
+    if (SCENE_LAYERS && surface.material.coat.weight > 0.0) {  // has a normal of its own
+        vec3 wi = light.wi * orthonormalize(surface.world_normal);
+        cosine = max(cosine, dot(wi, surface.material.coat.normal));
+    }
     vec3 brdf = INVERSE_PI * color + specular_target(surface, resolved.kind, dielectric_f0, light.wi);
     return min(
         luminance(brdf * light.radiance_in_area_measure) * (cosine * light.inverse_area_pdf), 1.0 / MIN_DI_TARGET

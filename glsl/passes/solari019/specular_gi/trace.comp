@@ -80,7 +80,7 @@ vec3 trace_path(Walk walk, Cone cone, inout uint rng, out float first_t) {
         mat3 frame = orthonormalize(surface.world_normal);
         vec3 wo = -walk.direction * frame;
         if (end.found) {
-            return radiance + walk.throughput * INVERSE_PI * surface_albedo(surface.material, wo.z) * end.irradiance;
+            return radiance + walk.throughput * INVERSE_PI * surface_albedo(surface.material, wo) * end.irradiance;
         }
 
         Brdf brdf = prepare_brdf(surface.material, wo);

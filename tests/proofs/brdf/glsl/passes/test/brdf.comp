@@ -78,7 +78,7 @@ void main() {
         return;
     }
     if (MODE == MODE_LOBE_ALBEDOS) {
-        LobeAlbedos albedos = lobe_albedos(resolve(material), wo.z);
+        LobeAlbedos albedos = lobe_albedos(resolve(material), wo);
         results.at[i * RESULT_COUNT] = albedos.diffuse;
         results.at[i * RESULT_COUNT + 1u] = albedos.specular;
         return;

@@ -29,6 +29,6 @@ void main() {
         BrdfSample next = sample_brdf(brdf, wo, rng);
         sum += next.weight;
     }
-    albedos.at[2u * index] = surface_albedo(material, c.cosine);
+    albedos.at[2u * index] = surface_albedo(material, wo);
     albedos.at[2u * index + 1u] = sum / float(COUNT * COUNT);
 }
