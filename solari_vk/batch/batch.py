@@ -40,10 +40,12 @@ from solari_vk.passes import batch as passes
 from solari_vk.passes import reference
 from solari_vk.passes.many_views import upload_rows
 from solari_vk.passes.reference import numbered_seeds
+from solari_vk.renderers.back_sides import BackSides
 from solari_vk.renderers.scene_frame import SceneFrame, checked_device
 from solari_vk.scene.model import Camera, Scene
 
 SHADER = "passes/batch/labels.comp"
+VIEWS_LOOKED_AT = 4
 
 
 class Batch(BatchResults):
@@ -89,6 +91,7 @@ class Batch(BatchResults):
             self._owned.callback(binder.destroy)
         try:
             self.views = whole_number(views, "Batch: views", 1)
+            self._back_sides = BackSides(self.device)
             self._views_binding = reflect(compile_shader(SHADER), SHADER).bindings["views"]
             record = self._views_binding.element
             assert record is not None
@@ -196,7 +199,9 @@ class Batch(BatchResults):
         sample_count = self._checked_samples(samples)
         clears_cache = checked_flag(reset_cache, "reset_cache")
         options = {"fov": fov, "vertical_fov": vertical_fov, "K": K, "near": near, "ev100": ev100}
-        read = self._read(accept_cameras(self._port, cameras, "Batch.render", (self.views, 4, 4)), options)
+        accepted = accept_cameras(self._port, cameras, "Batch.render", (self.views, 4, 4))
+        read = self._read(accepted, options)
+        self._look_for_backs(accepted, read)
         self._render(read, sample_count, self._checked_seeds(seeds), checked_mask(reset, self.views), clears_cache)
         return self
 
@@ -205,6 +210,19 @@ class Batch(BatchResults):
         if self._realtime is not None:
             check_realtime(cameras)
         return found
+
+    def _look_for_backs(self, cameras: Any, read: view_cameras.ViewCameras) -> None:
+        """Warn if one of the first views looks through the backs of surfaces."""
+        scene: Scene | SceneBinder = self.binder
+        if self.binder.has_many_scenes:
+            # Each look takes the first world's scene to the device again.
+            if self._rendered:
+                return
+            scene = self.binder.scene
+        for view in range(1 if self.binder.has_many_scenes else min(self.views, VIEWS_LOOKED_AT)):
+            camera = view_cameras.camera_of(cameras, read, view)
+            if camera is not None:
+                self._back_sides.look(scene, camera, self.size)
 
     def _render(
         self,
@@ -270,6 +288,7 @@ class Batch(BatchResults):
         options = {"fov": fov, "vertical_fov": vertical_fov, "K": K, "near": near, "ev100": ev100}
         shown = cameras_of(frames, self.views, cameras, self._port)
         read = [self._read(of_frame, options) for of_frame in shown]
+        self._look_for_backs(shown[0], read[0])
         numbers = [self._checked_seeds(of_frame) for of_frame in seeds_of(frames, self.views, seeds)]
         resets = resets_of(frames, self.views, reset)
         self._prepare_many(frames)

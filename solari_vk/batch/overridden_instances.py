@@ -69,7 +69,7 @@ class OverriddenInstances:
         if mode != "opaque":
             self._binder.add_feature(variant)
         row = self._binder.materials.rows[material]
-        return mode, row, flags_of(material.double_sided, mode), mask_of(instance.visible, mode)
+        return mode, row, flags_of(material.hides_back, mode), mask_of(instance.visible, mode)
 
     def blockers(self, overrides: WorldOverrides) -> dict[Instance, InstanceOverride]:
         """The balls that block the light of sphere lights: elsewhere in each world, or hidden from rays."""

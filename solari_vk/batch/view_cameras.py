@@ -208,6 +208,23 @@ def camera_list(cameras: Any, views: int) -> list[Camera] | None:
     return list(cameras)
 
 
+def camera_of(cameras: Any, read: ViewCameras, view: int) -> Camera | None:
+    """The camera of a view that the reader read, without the principal point of an array's; None if only the device
+    knows it."""
+    if isinstance(cameras, Camera):
+        return cameras
+    one = cameras[view] if isinstance(cameras, (list, tuple)) else None
+    if isinstance(one, Camera):
+        return one
+    if isinstance(read.matrices, DeviceTensor):
+        return None
+    transform = np.eye(4)
+    transform[:3] = read.matrices[:12, view].reshape(4, 3).T
+    record = read.records[view]
+    fov = 2 * math.atan(float(record["tan_half_fov"][1]))
+    return Camera(transform=transform, vertical_fov=fov, near=float(record["near"]))
+
+
 class CameraReader:
     """Reads the cameras of a batch's frames. dtype: struct Camera. count: of views. size: of a view in pixels."""
 

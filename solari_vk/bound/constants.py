@@ -18,12 +18,13 @@ MESH_HAS_SECOND_UVS = 8
 MESH_HAS_COLORS = 16
 
 # Flags of a material record.
-MATERIAL_DOUBLE_SIDED = 1  # its back side emits, and is seen by the camera too
+MATERIAL_DOUBLE_SIDED = 1  # its back side emits too
 MATERIAL_MASK = 2  # the alpha mode
 MATERIAL_BLEND = 4  # the alpha mode
 MATERIAL_SOLID = 8  # transmits light into a solid
 MATERIAL_WALL = 16  # thin glass that rays may pass straight
 MATERIAL_UNLIT = 32  # only cameras see its emissive times its base color
+MATERIAL_HIDES_BACK = 64  # cameras look through its back side
 
 # Flags of SceneInfo.absent_features: what no instance of a world's scene has had, though the shaders may have the code
 # for it, because another world's scene has it. Such a world takes no random numbers for it, so that its pictures are

@@ -10,6 +10,7 @@ import numpy as np
 from solari_vk.bound.constants import (
     MATERIAL_BLEND,
     MATERIAL_DOUBLE_SIDED,
+    MATERIAL_HIDES_BACK,
     MATERIAL_MASK,
     MATERIAL_NUMBERS,
     MATERIAL_SOLID,
@@ -196,7 +197,9 @@ class MaterialTable:
 
 def _flags_of(material: Material) -> int:
     flags = _ALPHA_FLAGS[material.alpha_mode]
-    if material.double_sided:
+    if material.hides_back:
+        flags |= MATERIAL_HIDES_BACK
+    elif material.double_sided or material.unlit:  # the back of a lamp is dark unless it is double-sided
         flags |= MATERIAL_DOUBLE_SIDED
     if material.solid and material.transmits:
         flags |= MATERIAL_SOLID

@@ -344,7 +344,7 @@ class SceneRecords:
             (a, b, c, x, d, e, f, y, g, h, i, z),
             (self._geometry.centers[ray_mesh], self._geometry.half_sizes[ray_mesh]),
             visible,
-            material.double_sided,
+            material.hides_back,
             alpha_mode,
             self._geometry.blases[ray_mesh].address,
         )

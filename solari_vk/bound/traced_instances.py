@@ -36,9 +36,9 @@ def mask_of(visible: bool, alpha_mode: str) -> int:
     return BLENDED if alpha_mode == "blend" else VISIBLE
 
 
-def flags_of(double_sided: bool, alpha_mode: str) -> int:
+def flags_of(hides_back: bool, alpha_mode: str) -> int:
     """sbt_offset_and_flags of such an instance."""
-    return (NO_CULLING if double_sided else 0) | (0 if alpha_mode == "opaque" else NO_OPAQUE)
+    return (0 if hides_back else NO_CULLING) | (0 if alpha_mode == "opaque" else NO_OPAQUE)
 
 
 class TracedRecords:
@@ -63,7 +63,7 @@ class TracedRecords:
         transform: Sequence[float],
         box: Box,
         visible: bool,
-        double_sided: bool,
+        hides_back: bool,
         alpha_mode: str,
         address: int,
     ) -> None:
@@ -77,9 +77,7 @@ class TracedRecords:
         self._mesh_boxes[row] = box
         self._moved += 1
         # By default Vulkan's front faces are glTF's: counter-clockwise in object space, for mirrored instances too.
-        self.table.set(
-            index, *transform, row | mask_of(visible, alpha_mode), flags_of(double_sided, alpha_mode), address
-        )
+        self.table.set(index, *transform, row | mask_of(visible, alpha_mode), flags_of(hides_back, alpha_mode), address)
 
     def remove(self, row: int) -> None:
         """Remove a row."""

@@ -20,6 +20,7 @@ from solari_vk.gpu.shaders import headers
 Colors = NDArray[np.float32]
 LUMINANCE = np.array(LUMINANCE_WEIGHTS, np.float32)
 MIDDLE_GRAY = 0.18
+NIGHT_EV100 = -10.0  # the least that is chosen: middle gray is the light of stars, and darker pictures stay dark
 MAX_EXPOSED = 1e6  # brighter colors are clipped to this first, so that no curve overflows
 
 # Medians of the lit pixels after exposure, where 1 is shown as white. Outside this range little can be seen.
@@ -158,7 +159,8 @@ def auto_exposure(radiance: ArrayLike, surfaces: ArrayLike | None = None) -> flo
 
     Pixels that are black, or a million times darker than the mean, are left out, so that a black background does not
     brighten the picture. surfaces (...): which pixels show a surface. If at least 1 % do, only they count, so that a
-    bright sky doesn't make what stands before it black. Returns 0 for a picture without light.
+    bright sky doesn't make what stands before it black. At least -10, so that a night without a moon stays dark.
+    Returns 0 for a picture without light.
     """
     luminance = np.asarray(radiance, np.float64) @ LUMINANCE.astype(np.float64)
     shown = None if surfaces is None else np.asarray(surfaces, bool)
@@ -171,7 +173,7 @@ def auto_exposure(radiance: ArrayLike, surfaces: ArrayLike | None = None) -> flo
     luminance = luminance[luminance >= 1e-6 * luminance.mean()]
     average = np.exp(np.log(luminance).mean())
     # EV100 shows a luminance of 1.2 * 2^EV100 as white (saturation-based speed of ISO 12232).
-    return float(np.clip(np.log2(average / (1.2 * MIDDLE_GRAY)), -100, 100))
+    return float(np.clip(np.log2(average / (1.2 * MIDDLE_GRAY)), NIGHT_EV100, 100))
 
 
 def unseen(picture: NDArray[Any]) -> str:
@@ -189,7 +191,7 @@ def misexposed(codes: NDArray[np.uint8]) -> str:
     """Whether sRGB codes (..., 3) of surfaces are clearly too "bright" or too "dark"; "" if neither."""
     lit = codes[codes.any(axis=-1)]
     if not lit.size:
-        return ""
+        return "dark" if codes.size else ""
     if np.mean(codes >= CLIPPED_CODE) > MOST_CLIPPED:
         return "bright"
     return "dark" if np.percentile(lit, BRIGHT_PERCENTILE) < LEAST_BRIGHT else ""

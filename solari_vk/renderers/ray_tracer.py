@@ -175,6 +175,14 @@ class RayTracer(Hints):
             self._frames[any_hit, echoes] = frame
         return self._frames[any_hit, echoes]
 
+    @property
+    def hides_back(self) -> NDArray[np.bool_]:
+        """Whether cameras look through the back of each instance, by its number, as of the latest trace."""
+        table = np.zeros(max(self.instances, default=0) + 1, np.bool_)
+        for number, instance in self.instances.items():
+            table[number] = instance.material.hides_back
+        return table
+
     def _update(self) -> None:
         """Apply the scene's edits to `instances` and to the order of triangles on the device."""
         self.binder.update()

@@ -20,6 +20,7 @@ from solari_vk.gpu.tensors.exports import CudaTensor
 from solari_vk.output.tone_mapping import auto_exposure
 from solari_vk.output.transparency import backdrop, premultiplied
 from solari_vk.passes import brdf_table
+from solari_vk.renderers.back_sides import BackSides
 from solari_vk.renderers.first_hit_reader import FirstHitReader
 from solari_vk.renderers.results import RenderedFrame
 from solari_vk.renderers.scene_frame import SceneFrame, bind_scene, checked_device
@@ -68,6 +69,7 @@ class RendererBase(Hints):
         try:
             # The tables and the subclasses' frames need to know the scene's features.
             self.binder.update()
+            self._back_sides = BackSides(device)
             self._needs_traced_camera = any(camera.has_lens or camera.aperture for camera in self.binder.scene.cameras)
             table_frame, self._lookup_tables = brdf_table.compute(device)
             self._owned.enter_context(table_frame)

@@ -30,7 +30,11 @@ def rgb(value: ArrayLike) -> FloatArray:
 
 
 def matte(color: ArrayLike, name: str = "", **fields: Any) -> Material:
-    """A nearly Lambertian material: rough, with F0 = 0. A faint sheen remains at grazing angles."""
+    """A nearly Lambertian material: rough, with F0 = 0. A faint sheen remains at grazing angles.
+
+    By default cameras look through its back, so that rooms can be seen from anywhere.
+    """
+    fields = {"double_sided": False} | fields
     return Material(base_color=rgb(color), perceptual_roughness=1.0, reflectance=rgb(0), name=name, **fields)
 
 

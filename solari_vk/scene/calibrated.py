@@ -254,3 +254,12 @@ class Calibrated:
             return float(np.linalg.norm(to_camera))
         back = self.transform[:3, 2] / np.linalg.norm(self.transform[:3, 2])
         return float(to_camera @ back)
+
+
+def pixel_rays(camera: Any, pixels: Floats, size: tuple[int, int]) -> tuple[Floats, Floats, Floats]:
+    """Origins and unit directions (N, 3) of what pixels (N, 2) look along, and where the rays begin (N), at `near`."""
+    origins, directions = camera.rays(pixels, size)
+    forward = -camera.transform[:3, 2] / np.linalg.norm(camera.transform[:3, 2])
+    # `near` counts along the view axis for perspective cameras, as in OpenGL, and along the ray for all others.
+    along = directions @ forward if camera.projection == "perspective" else np.ones(len(pixels))
+    return origins, directions, camera.near / np.maximum(along, 1e-9)

@@ -98,6 +98,11 @@ def flag(value: Any) -> bool:
     return bool(_zero_or_one(value, "True or False"))
 
 
+def flag_or_none(value: Any) -> bool | None:
+    """A flag that None leaves unsaid."""
+    return None if value is None else flag(value)
+
+
 def uv_set(value: Any) -> int:
     """0 or 1."""
     return _zero_or_one(value, "0 or 1")

@@ -1,39 +1,22 @@
-"""How bright emissive surfaces are: means of emissive textures over triangles, and of a whole scene."""
+"""How bright emissive surfaces are: means of emissive textures over triangles."""
 
 from __future__ import annotations
+
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from solari_vk.base.color import LUMINANCE_WEIGHTS
 from solari_vk.scene.images.mip_chain import LINEAR_OF_SRGB
-from solari_vk.scene.matrices import transform_points
-from solari_vk.scene.model import Mesh, Scene, Texture, TextureImage
+
+if TYPE_CHECKING:
+    from solari_vk.scene.material import Texture, TextureImage
+    from solari_vk.scene.objects import Mesh
 
 Sums = NDArray[np.int64]
 _STEPS = 2**20  # per unit of luminance, so that sums of texels are exact
 _ROUNDING = 1e-3  # in texels: coordinates on the border of a texel don't belong to its neighbor
-
-
-def mean_emission(scene: Scene) -> float:
-    """The luminance of visible emissive surfaces, spread over the faces of the scene's bounds, in cd/m^2, roughly."""
-    total = 0.0
-    for instance in scene.instances:
-        if instance.visible and instance.material.emits:
-            mesh = instance.posed_mesh()
-            texture = instance.material.emissive_texture
-            a, b, c = transform_points(instance.transform, mesh.positions)[mesh.triangles].swapaxes(0, 1)
-            # The area of emissive triangles, times the mean of the texture over the whole image.
-            bright = float(np.linalg.norm(np.cross(b - a, c - a), axis=1).sum()) / 2
-            if texture is not None:
-                sums = luminance_sums(texture.image)
-                bright *= float(sums[-1, -1]) / (_STEPS * (len(sums) - 1) * (sums.shape[1] - 1))
-            total += bright * float(instance.material.emissive @ np.array(LUMINANCE_WEIGHTS))
-    if total == 0:
-        return 0.0
-    x, y, z = scene.bounds.size
-    # The surface of the bounds: about what the light falls on.
-    return total / (2 * float(x * y + y * z + z * x))
 
 
 def luminance_sums(image: TextureImage) -> Sums:

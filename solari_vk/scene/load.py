@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from typing import Any
 
-from solari_vk.base.errors import checked_keywords
+from solari_vk.base.errors import checked_keywords, warn
 from solari_vk.scene.builtin import builtin
 from solari_vk.scene.files.formats import read_file
 from solari_vk.scene.model import Scene
@@ -49,7 +49,8 @@ def open(path: str | os.PathLike[str], *, environment: str = "auto", **options: 
     """Load a file and make it ready for pictures, as `solari-vk render` does: framed, lit and exposed.
 
     `load` gives the file as it is, which without lights is black; its options are taken here too. environment: "auto"
-    keeps the file's own light, and gives a file without any a studio with a floor, or a lamp if it is a closed room;
+    keeps the file's own light, and gives a file without any a studio with a floor, or a lamp if it is a closed room,
+    which `scene.warnings` says; emissive surfaces are light if they light most of what is seen, or a closed place;
     "studio", "sky", "none", or the path of a picture of all directions (.hdr, .exr, .png, .jpg). A file without a
     camera gets one that shows all of it. In a studio pictures have EV100 0; in other light the first picture chooses
     the exposure (`Camera.auto_exposure`), but for cameras that `Scene.save` has written, which keep theirs.
@@ -59,7 +60,13 @@ def open(path: str | os.PathLike[str], *, environment: str = "auto", **options: 
     is_builtin = name.startswith("builtin:")
     scene = builtin(name.removeprefix("builtin:"), **options) if is_builtin else load(path, **options)
     # The light is placed by the default camera.
-    _, in_studio = surround(scene, scene.camera, environment)
+    remedy, in_studio = surround(scene, scene.camera, environment)
+    if remedy:
+        text = f"{scene.describe()} has no light of its own: it is {remedy}"
+        scene.warnings.append(text)
+        # Who looks at a picture sees the studio, but not that a lamp was added, or another one overruled.
+        if not in_studio or any(item.material.emits for item in scene):
+            warn(text)
     scene._camera = None  # renderers frame a scene without a camera for their own pictures
     if not is_builtin:
         scene._meters = not in_studio

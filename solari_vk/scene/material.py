@@ -160,8 +160,11 @@ class Material(TensorFields):
     in tangent space, with z computed from x and y. The other textures have their channels where glTF has them:
     transmission, clearcoat and iridescence in red, clearcoat roughness and iridescence thickness in green, specular,
     sheen roughness and diffuse transmission in alpha, the colors of the three, sRGB, in red, green and blue, the
-    direction of anisotropy in red and green and its strength in blue. A double-sided material is visible, and emits, on
-    both sides. The back side of other materials is invisible to cameras, but blocks all other rays.
+    direction of anisotropy in red and green and its strength in blue.
+
+    A double-sided material is visible, and emits, on both sides. With double_sided=False, as in files that don't say
+    otherwise, cameras look through the back side, which blocks all other rays. With None, the default, both sides are
+    visible, and the front emits.
 
     The alpha of a surface is `alpha` times that of the base color texture and of the vertices' colors. With the
     alpha_mode "mask" the surface is cut out where its alpha is below alpha_cutoff. With "blend" it covers what lies
@@ -192,7 +195,7 @@ class Material(TensorFields):
     metallic_roughness_texture: Texture | None = _texture()
     emissive_texture: Texture | None = _texture(srgb=True)
     normal_texture: Texture | None = _texture()
-    double_sided: bool = False
+    double_sided: bool | None = None
     unlit: bool = False
     ior: float = _number(1.5, 1, 1e6)
     specular: float = _number(1.0, 0, 1)
@@ -237,7 +240,7 @@ class Material(TensorFields):
     _converters = {
         "name": checks.text,
         "alpha_mode": checks.one_of(checks.ALPHA_MODES),
-        "double_sided": checks.flag,
+        "double_sided": checks.flag_or_none,
         "unlit": checks.flag,
         "solid": checks.flag,
     }
@@ -274,6 +277,11 @@ class Material(TensorFields):
     def emits(self) -> bool:
         """Whether the material emits light, so that its instances are lights."""
         return not self.unlit and bool((self.emissive > 0).any())
+
+    @property
+    def hides_back(self) -> bool:
+        """Whether cameras look through the back side, which only happens where that was said."""
+        return self.double_sided is False
 
     @property
     def absorption(self) -> NDArray[np.float64]:

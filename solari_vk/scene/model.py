@@ -289,11 +289,12 @@ class Scene(Grouping, Observable):
         """The camera that renderers and the command line use by default, for pictures with width / height = aspect.
 
         It is the assigned `camera`, otherwise the first of `cameras`. For a scene without cameras it is one that shows
-        all of it from above at an angle, a room from inside, and what stands in a dome, such as a modelled sky, from
-        within the dome. It is created on the first call and kept, but not added to `cameras`. For an empty scene it is
-        Camera(). With a clip, or its number or name in `animations`, the scene is posed as at its start, and a camera
-        that is created shows all that the clip does. turns: angles in radians about the vertical axis through the
-        middle, by which a camera that is created will be turned, as in an orbit: objects are seen whole from there too.
+        all of it from above at an angle, a room from inside, a box without a front through the open side, and what
+        stands in a dome, such as a modelled sky, from within the dome. It is created on the first call and kept, but
+        not added to `cameras`. For an empty scene it is Camera(). With a clip, or its number or name in `animations`,
+        the scene is posed as at its start, and a camera that is created shows all that the clip does. turns: angles in
+        radians about the vertical axis through the middle, by which a camera that is created will be turned, as in an
+        orbit: objects are seen whole from there too.
 
         Raises SolariError for an unknown clip, and an aspect that isn't a number above 0.
         """
@@ -305,7 +306,7 @@ class Scene(Grouping, Observable):
             if self._cameras:
                 return self._cameras[0]
             # Made once, so that a turn of the view doesn't jump when objects move.
-            camera = default_camera(poses(self, self._shown_instances, clip), aspect, turns)
+            camera = default_camera(poses(self, self._shown_instances, clip), aspect, turns, self._lights)
             if camera is None:
                 return Camera()
             # Set by `open`: the camera is framed later, for the picture's shape.

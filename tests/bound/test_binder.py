@@ -16,7 +16,7 @@ from support.frames import fail_after
 
 from solari_vk.base.errors import SolariError
 from solari_vk.bound.binder import SceneBinder
-from solari_vk.bound.constants import NO_INDEX
+from solari_vk.bound.constants import MATERIAL_DOUBLE_SIDED, MATERIAL_HIDES_BACK, NO_INDEX
 from solari_vk.bound.lights.light_kinds import KIND_INDEX
 from solari_vk.bound.table import Table, upload_tables
 from solari_vk.bound.traced_instances import HIDDEN, VISIBLE
@@ -160,8 +160,10 @@ def assert_mirrors_material(binder, tables, instance, row, ray):
     material = tables["materials"][tables["instances"][row]["material"]]
     np.testing.assert_array_equal(material["base_color"], wanted.base_color)
     np.testing.assert_array_equal(material["emissive"], wanted.emissive)
-    assert material["flags"] == wanted.double_sided
-    assert bool(ray["sbt_offset_and_flags"] >> 24 & 1) == wanted.double_sided
+    assert (
+        material["flags"] == MATERIAL_DOUBLE_SIDED * bool(wanted.double_sided) + MATERIAL_HIDES_BACK * wanted.hides_back
+    )
+    assert bool(ray["sbt_offset_and_flags"] >> 24 & 1) != wanted.hides_back
     texture = wanted.base_color_texture
     if texture is None:
         assert material["base_color_texture"] == NO_INDEX
@@ -183,6 +185,7 @@ def assert_mirrors_emission(tables, instance, row, emits):
 
 PARTS = [(Uploads, "buffer"), (Table, "_runs"), (Tlas, "_record")]
 RNGS = st.integers(0, 99).map(np.random.default_rng)
+SIDES = st.sampled_from([None, True, False])
 ANY = st.integers(0, 99)
 CALLS = st.integers(0, 2) | st.integers(0, 12)
 HAS_INSTANCES = precondition(lambda self: self.scene.instances)
@@ -240,7 +243,7 @@ class Edits(RuleBasedStateMachine):
             material=self.materials[material % 4],
         )
 
-    @rule(number=ANY, emissive=st.sampled_from([0.0, 3.0]), texture=ANY, double_sided=st.booleans())
+    @rule(number=ANY, emissive=st.sampled_from([0.0, 3.0]), texture=ANY, double_sided=SIDES)
     def edit_material(self, number, emissive, texture, double_sided):
         self.materials[number % 4].update(
             emissive=emissive, base_color_texture=self.textures[texture % 4], double_sided=double_sided

@@ -154,7 +154,8 @@ def model(tmp_path):
 
 
 def test_light_of_files_without_lights(model, capsys):
-    """A closed room gets a lamp; weak emission and black emissive textures don't stand for light."""
+    """A closed room gets a lamp; weak emission and black emissive textures don't stand for light, nor does a sign that
+    lights nothing, which is told."""
 
     def lit(mesh, *more, **material):
         return load_scene(parse(COMMANDS, ["view", str(model(mesh, **material)), *more])[1]).scene
@@ -166,12 +167,10 @@ def test_light_of_files_without_lights(model, capsys):
     assert isinstance(lamp, sv.PointLight)
     assert 2.5 < lamp.position[1] + lamp.radius < 3
     assert lit(room, "--environment", "none").lights.names == []
-    for factor, names in ((0.01, ["lamp"]), (0.06, ["lamp"]), (0.1, [])):
+    for factor, names in ((1e-5, ["lamp"]), (0.01, []), (0.1, [])):
         assert lit(room, emissiveFactor=[factor] * 3).lights.names == names
-    strong = {"extensions": {"KHR_materials_emissive_strength": {"emissiveStrength": 6.0}}}
     few = sv.Mesh(np.concatenate([room.positions[room.triangles[0]], [(3, 3, 2)] * 3]))
-    for more, names in (({}, ["studio"]), (strong, [])):
-        assert lit(few, emissiveFactor=[0.25] * 3, **more).lights.names == names
+    assert lit(few, emissiveFactor=[0.25] * 3).lights.names == [], "all that is seen shines"
     assert lit(box, black=True).lights.names == ["studio"]
     pose = json.dumps({"position": [-30, 1, 0], "target": [0, 0, 0]})
     for kind in ("studio", "sky"):

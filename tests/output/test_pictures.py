@@ -12,7 +12,16 @@ from PIL import Image
 import solari_vk as sv
 from solari_vk.base.errors import SolariError
 from solari_vk.output.picture import check_output, save_image
-from solari_vk.output.tone_mapping import CURVES, auto_exposure, decode_srgb, encode_srgb, tonemap
+from solari_vk.output.tone_mapping import (
+    CURVES,
+    auto_exposure,
+    decode_srgb,
+    encode_picture,
+    encode_srgb,
+    misexposed,
+    tonemap,
+)
+from solari_vk.scene.camera import exposure_of
 
 RADIANCE = np.exp(np.random.default_rng(1).normal(0, 2, (6, 9, 3))).astype(np.float32)
 
@@ -57,10 +66,18 @@ def test_srgb_round_trip():
 # ---- exposure ---------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("luminance", [1e-6, 1.0, 5e8])
+@pytest.mark.parametrize("luminance", [1e-3, 1.0, 5e8])
 def test_auto_exposure_shows_the_average_as_middle_gray(luminance):
     ev100 = auto_exposure(np.full((4, 4, 3), luminance))
     assert luminance / (1.2 * 2**ev100) == pytest.approx(0.18)
+
+
+def test_a_dark_night_stays_dark():
+    """Of 5e-6 cd/m^2, as the sky has without a moon; and a picture of which all codes are 0 is called dark."""
+    night = np.full((4, 4, 3), 5e-6)
+    codes = encode_picture(night, exposure=exposure_of(auto_exposure(night)))
+    assert 0 < np.median(codes) < 40
+    assert misexposed(np.zeros((4, 4, 3), np.uint8)) == "dark"
 
 
 def test_auto_exposure_leaves_black_and_broken_pixels_out():

@@ -342,6 +342,67 @@ def test_a_scene_without_light_is_told_of_once(device, kind):
         render(lit)
 
 
+def room_of_shapes(**fields):
+    scene = sv.Scene(sv.PointLight((0, 2, 0)), name="a room")
+    scene.add(shapes.box((-2, 0, -2), (2, 3, 2)), sv.Material(**fields), name="walls")
+    scene.add(shapes.sphere(0.4), sv.Material(base_color=(1, 0, 0)), (0, 1, 0), name="ball")
+    return scene
+
+
+@pytest.mark.parametrize("gbuffer", ["traced", "raster", "reference"])
+def test_what_python_makes_is_seen_from_within(device, tmp_path, gbuffer):
+    """A box is a room to a camera in it: as it is made, and as it is read back; its file says so to others too."""
+    camera = sv.Camera.look_at((1.5, 1.5, 1.5), (0, 1, 0), fov=60)
+    room_of_shapes().save(tmp_path / "room.glb")
+    for scene in (room_of_shapes(), sv.load(tmp_path / "room.glb")):
+        if gbuffer == "reference":
+            made = sv.PathTracer(device, scene, SIZE)
+        else:
+            made = PartialRenderer(device, scene, SIZE, sv.Settings(gbuffer=gbuffer), passes=GBUFFER)
+        with made, warnings.catch_warnings():
+            warnings.simplefilter("error")
+            frame = made.render(camera)
+            assert frame.mask("walls").sum() + frame.mask("ball").sum() == SIZE[0] * SIZE[1]
+            seen = frame["radiance"] if gbuffer == "reference" else made.resource("depth").read()[..., None]
+            assert (seen.max(axis=-1) > 0).all()
+
+
+@pytest.mark.parametrize("kind", [*KINDS, "labels", "scenes"])
+def test_hidden_backs_are_told_of_once(device, kind):
+    """Of views of a batch too; not where a few pixels or none look through them, nor through what isn't visible."""
+    outside = sv.Camera.look_at((0, 1, 9), (0, 1, 0))
+    within = sv.Camera.look_at((1.5, 1.5, 1.5), (0, 1, 0), fov=60)
+    scene = room_of_shapes(double_sided=False)
+    if kind == "labels":
+        made = sv.Batch(device, scene, SIZE, 2)
+    elif kind == "scenes":
+        made = sv.Batch(device, [scene, room_of_shapes()], SIZE, 2)
+    else:
+        made = (
+            kind(device, scene, SIZE) if kind is sv.PathTracer else PartialRenderer(device, scene, SIZE, passes=GBUFFER)
+        )
+
+    def look(camera):
+        made.render([camera] * 2 if isinstance(made, sv.Batch) else camera)
+
+    with made:
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            if kind != "scenes":  # of which only the first frame is looked at
+                look(outside)
+                scene.instances["walls"].visible = False
+                look(within)
+                scene.instances["walls"].visible = True
+                look(outside)
+        with pytest.warns(
+            UserWarning, match="through the backs .* in 9.% of .* 'walls': Material has double_sided=False"
+        ):
+            look(within)
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            look(sv.Camera.look_at((-1.5, 1.5, 1.5), (0, 1, 0), fov=60))
+
+
 def test_images_are_what_is_saved(renderer, tmp_path):
     frame = render(renderer)
     image = frame.image(exposure="auto", tonemap="aces")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import replace
 
 import numpy as np
@@ -79,7 +80,7 @@ def lit_share(scene):
         triangles = enclosures.largest_triangles([instance])
         a, b, c = triangles.swapaxes(0, 1)
         front = (np.cross(b - a, c - a) * (eye - a)).sum(axis=1) > 0
-        shown.append(triangles[front | instance.material.double_sided])
+        shown.append(triangles[front | (not instance.material.hides_back)])
         bright += [instance.material.unlit] * len(shown[-1])
     triangles = np.concatenate(shown)
     lamps = [light.position for light in scene.lights if isinstance(light, PointLight)]
@@ -123,3 +124,57 @@ def test_a_camera_of_the_file_in_a_closed_shell_gets_a_lamp():
     given, in_studio = surround(scene, scene.camera, "auto")
     assert (given, in_studio) == ("seen within a closed shell, and gets a lamp", False)
     assert lit_share(scene) > 0.9
+
+
+def thick_room(*, front):
+    """A room of slabs, 4 m wide, without a lamp; the side towards +z may be missing."""
+    low, high = np.array((-2, 0, -2)), np.array((2, 4, 2))
+    scene = sv.Scene()
+    for axis, (side, at) in [(axis, end) for axis in range(3) for end in ((0, low), (1, high))]:
+        ends = np.array([low, high], float)
+        ends[:, axis] = at[axis] + np.array([side - 1, side]) * 0.1
+        if front or (axis, side) != (2, 1):
+            scene.add(shapes.box(*ends), sv.Material(base_color=0.7))
+    return scene
+
+
+LAMP = shapes.box((-0.6, 3.97, -0.6), (0.6, 3.99, 0.6))
+# What is in the room, whether it is open in front, where the camera is along z, and what it gets for light.
+ROOMS = {
+    "a panel, open": ({"emissive": 1.0}, False, (8, 10), ""),
+    "a panel, closed": ({"emissive": 1.0}, True, (-2, 2), ""),
+    "a label": ({"emissive": 1e-4}, False, (8, 10), "a room, and gets a lamp, since its emissive surfaces light too"),
+    "no lamp, open": ({}, False, (8, 10), "a room, and gets a lamp"),
+    "no lamp, closed": ({}, True, (-2, 2), "a room, and gets a lamp"),
+    "a lamp of the file, closed": (None, True, (-2, 2), ""),
+}
+
+
+@pytest.mark.parametrize("name", ROOMS)
+def test_rooms_keep_their_lamps_and_are_seen_where_their_light_is(name, tmp_path):
+    panel, closed, (low, high), words = ROOMS[name]
+    scene = thick_room(front=closed)
+    scene.add(BALL, WHITE, (0, 1, 0))
+    if panel is None:
+        scene.add(PointLight((0, 3, 0)))
+    else:
+        scene.add(LAMP, sv.Material(**panel), name="panel")
+    scene.save(tmp_path / "room.glb")
+    with warnings.catch_warnings(record=True) as said:
+        warnings.simplefilter("always")
+        opened = sv.open(tmp_path / "room.glb")
+    x, _, z = opened.camera.transform[:3, 3]
+    assert low < z < high
+    assert abs(x) < 2
+    told = f"Scene 'room' has no light of its own: it is {words}"
+    assert bool(words) == any(text.startswith(told) for text in opened.warnings)
+    assert len(opened.lights) == (panel is None) + bool(words)
+    assert any(told in str(warning.message) for warning in said) == ("lamp" in words)
+
+
+def test_a_screen_on_a_thing_is_no_light():
+    """A strip around a drum lights nothing else that is seen."""
+    scene = sv.Scene(sv.Instance(shapes.cylinder(1.0, 2.0), WHITE))
+    scene.add(shapes.cylinder(1.001, 0.2), sv.Material(emissive=5.0), name="display")
+    given, in_studio = surround(scene, scene.camera, "auto")
+    assert (given.partition(",")[0], in_studio) == ("shown in a studio", True)

@@ -50,6 +50,7 @@ RANGES = {
     "dispersion": st.floats(0, 9),
     "iridescence_thickness": st.floats(0, 1e4, width=32),
     "anisotropy_rotation": st.floats(-9, 9),
+    "double_sided": st.sampled_from([None, True, False]),
     "alpha_mode": st.sampled_from(["opaque", "mask", "blend"]),
     "name": st.text(max_size=4),
 }

@@ -92,7 +92,7 @@ void main() {
     if (instance.id != 0u && instance.mesh != NO_INDEX) {
         Mesh mesh = meshes.at[instance.mesh];
         vertex_count = 3u * mesh.triangle_count;
-        double_sided = (materials.at[instance.material].flags & MATERIAL_DOUBLE_SIDED) != 0u;
+        double_sided = (materials.at[instance.material].flags & MATERIAL_HIDES_BACK) == 0u;
         ViewBox box = find_view_box(instance.world_from_object, mesh);
         bool outside = frustum_culling && is_outside_frustum(box);
         bool was_visible = !occlusion_culling || visible_instances.at[row] == instance.id;

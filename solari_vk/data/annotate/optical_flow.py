@@ -16,9 +16,9 @@ from solari_vk.data.annotate.surfaces import (
     is_blocked,
     is_inside,
     pixel_grid,
-    pixel_rays,
 )
 from solari_vk.renderers.ray_tracer import Hits, RayTracer
+from solari_vk.scene.calibrated import pixel_rays
 from solari_vk.scene.matrices import transform_points
 from solari_vk.scene.model import Camera, Instance
 

@@ -9,8 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solari_vk.base.errors import SolariError, quoted
-from solari_vk.data.annotate.surfaces import check_view, peel, pixel_grid, pixel_rays
+from solari_vk.data.annotate.surfaces import check_view, peel, pixel_grid
 from solari_vk.renderers.ray_tracer import RayTracer
+from solari_vk.scene.calibrated import pixel_rays
 from solari_vk.scene.model import Camera, Instance
 from solari_vk.scene.objects import objects_of
 

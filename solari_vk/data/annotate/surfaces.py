@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from solari_vk.base.errors import SolariError, quoted
 from solari_vk.renderers.ray_tracer import Hits, RayTracer
+from solari_vk.scene.calibrated import pixel_rays
 from solari_vk.scene.model import Camera
 
 STEP = np.float32(1 + 2**-20)  # from one surface to the next: two that are closer, relative to the distance, are one
@@ -33,15 +34,6 @@ def pixel_grid(size: tuple[int, int]) -> Floats:
 def is_inside(pixels: Floats, size: tuple[int, int]) -> NDArray[np.bool_]:
     """Whether positions (N, 2) are in a picture, whose first pixel's center is (0, 0)."""
     return np.asarray(((pixels >= -0.5) & (pixels < np.array(size) - 0.5)).all(axis=-1))
-
-
-def pixel_rays(camera: Camera, pixels: Floats, size: tuple[int, int]) -> tuple[Floats, Floats, Floats]:
-    """Origins and unit directions (N, 3) of what pixels (N, 2) look along, and where the rays begin (N), at `near`."""
-    origins, directions = camera.rays(pixels, size)
-    forward = -camera.transform[:3, 2] / np.linalg.norm(camera.transform[:3, 2])
-    # `near` counts along the view axis for perspective cameras, as in OpenGL, and along the ray for all others.
-    along = directions @ forward if camera.projection == "perspective" else np.ones(len(pixels))
-    return origins, directions, camera.near / np.maximum(along, 1e-9)
 
 
 def behind(t: NDArray[np.float32]) -> NDArray[np.float32]:
@@ -70,7 +62,7 @@ def peel(
     # Pixels of a fisheye picture outside its circle have no direction.
     active = np.flatnonzero(np.isfinite(directions).all(axis=-1))
     step = 0
-    double_sided = np.zeros(0, np.bool_)
+    hides_back = np.zeros(0, np.bool_)
     while len(active):
         # Each step has a seed of its own, because blended surfaces are hit with the probability alpha.
         hits = tracer.trace(
@@ -80,8 +72,8 @@ def peel(
         active, hits = active[there], hits[there]
         start[active] = behind(hits.t)
         if step == 0:
-            double_sided = _double_sided(tracer)  # only now: the first trace applied the scene's edits
-        seen = hits.front_face | double_sided[hits.instance]
+            hides_back = tracer.hides_back  # only now: the first trace applied the scene's edits
+        seen = hits.front_face | ~hides_back[hits.instance]
         yield active[seen], hits[seen]
         if first:
             active = active[~seen]
@@ -97,14 +89,6 @@ def first_surfaces(
         return np.zeros(0, np.int64), None
     rays, hits = zip(*parts, strict=True)
     return np.concatenate(rays), np.concatenate(hits).view(Hits)
-
-
-def _double_sided(tracer: RayTracer) -> NDArray[np.bool_]:
-    """Whether the material of each instance is, by its number."""
-    known = {number: instance.material.double_sided for number, instance in tracer.instances.items()}
-    table = np.zeros(max(known, default=0) + 1, np.bool_)
-    table[list(known)] = list(known.values())
-    return table
 
 
 def is_blocked(

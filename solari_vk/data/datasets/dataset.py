@@ -62,7 +62,7 @@ def _random_cameras(scene: Scene, count: int, aspect: float, seed: int) -> list[
     # A generator for each number: a camera doesn't depend on how many come before it.
     randoms = (np.random.default_rng((seed, number)) for number in range(count))
     if room is None:
-        return [fit(points, _from_above(random), aspect) for random in randoms]
+        return [fit(points, np.array(_from_above(random)), aspect) for random in randoms]
     return [_in_room(room.center, room.triangles, random) for random in randoms]
 
 

@@ -9,9 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solari_vk.base.errors import SolariError
-from solari_vk.data.annotate.surfaces import SELF_OCCLUSION, check_view, first_surfaces, pixel_grid, pixel_rays
+from solari_vk.data.annotate.surfaces import SELF_OCCLUSION, check_view, first_surfaces, pixel_grid
 from solari_vk.data.sensors.echoes import checked_numbers
 from solari_vk.renderers.ray_tracer import RayTracer
+from solari_vk.scene.calibrated import pixel_rays
 from solari_vk.scene.checks import check_whole
 from solari_vk.scene.model import Camera
 

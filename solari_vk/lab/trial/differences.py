@@ -68,7 +68,7 @@ def _has_parts_inside_out(mesh: Mesh) -> bool:
 
 def _shows_backs(item: Instance) -> bool:
     """Whether other renderers show backs of an instance that cameras of ours don't see."""
-    if item.material.double_sided:
+    if not item.material.hides_back:
         return False
     return item.material.alpha_mode != "opaque" or _has_parts_inside_out(item.mesh)
 

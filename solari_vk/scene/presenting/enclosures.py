@@ -32,6 +32,8 @@ FLOOR_SHARE = 0.5  # of steep rays that meet a level surface, if it is a floor
 DOME_SHARE = 0.4  # in which a dome is seen, also one without its lower half
 CLOSED_SHARE = 0.95  # in which something is met, where no light gets in
 MOST_INSIDE = 0.7  # of a dome's size, for what it is the background of
+LEAST_OPEN, MOST_OPEN = 0.08, 0.45  # that lead out of a box without a front
+ONE_SIDED = 0.6  # the length of the mean of the directions through one opening
 STEEP = 0.6  # the sine of a steep view
 LEVEL = 0.97  # the cosine of the slope of a level surface
 # Where a room is looked for: shares of the scene's bounds, and a height above them in meters that replaces the share.
@@ -101,6 +103,41 @@ def find_room(instances: list[Instance], points: Floats) -> Room | None:
         if not outside or (furnished and LOWEST_ROOM <= below + above <= HIGHEST_ROOM and _is_flat(seen, -1)):
             return Room(place, below, above, triangles)
     return None
+
+
+def closed_place(instances: list[Instance], points: Floats) -> Room | None:
+    """A place at which instances enclose a viewer on all sides, whichever side of them he sees; None if there is none.
+
+    Places are those of `find_room`."""
+    low, high = points.min(axis=0), points.max(axis=0)
+    triangles = largest_triangles(instances)
+    for share, height in PLACES:
+        place = low + np.array(share) * (high - low)
+        if height is not None:
+            place[1] = low[1] + height
+        few, all_around = _directions(FEW_DIRECTIONS), _directions(DIRECTION_COUNT)
+        if not np.isfinite(trace(place, few, triangles).distance).all():
+            continue
+        if np.isfinite(trace(place, all_around, triangles).distance).mean() >= CLOSED_SHARE:
+            below, above = trace(place, np.array([[0, -1.0, 0], [0, 1, 0]]), triangles).distance.tolist()
+            return Room(place, below, above, triangles)
+    return None
+
+
+def open_side(center: Floats, triangles: Floats) -> Floats | None:
+    """The level direction (3,) in which triangles around a point leave their one large opening, None if they don't."""
+    directions = _directions(DIRECTION_COUNT)
+    leaving = directions[~np.isfinite(trace(center, directions, triangles).distance)]
+    if not LEAST_OPEN <= len(leaving) / DIRECTION_COUNT <= MOST_OPEN:
+        return None
+    middle: Floats = leaving.mean(axis=0)
+    # Several openings, or one above, leave a short or a steep mean.
+    if math.hypot(middle[0], middle[2]) < ONE_SIDED:
+        return None
+    middle[1] = 0
+    middle /= np.linalg.norm(middle)
+    # Most boxes stand along the axes, and the directions aren't quite symmetric.
+    return np.round(middle) if np.abs(middle).max() > LEVEL else middle
 
 
 def find_dome(instances: list[Instance]) -> Dome | None:
@@ -190,8 +227,8 @@ def trace(origin: Floats, directions: Floats, triangles: Floats) -> Seen:
     edges = triangles[:, 1:] - corner[:, None]
     normal = np.cross(edges[:, 0], edges[:, 1])
     offset = origin - corner
-    turned = np.cross(offset, edges[:, 0])
-    ahead = (edges[:, 1] * turned).sum(axis=1)
+    turned = np.cross(offset, edges[:, 0]), np.cross(edges[:, 1], offset)
+    ahead = (edges[:, 1] * turned[0]).sum(axis=1)
     seen = Seen(
         *(np.full(len(directions), np.inf), np.zeros(len(directions), np.bool_)),
         np.zeros((len(directions), 3)),
@@ -201,8 +238,7 @@ def trace(origin: Floats, directions: Floats, triangles: Floats) -> Seen:
     with np.errstate(divide="ignore", invalid="ignore"):
         for index, direction in enumerate(directions):
             facing = normal @ direction
-            across = np.cross(direction, edges[:, 1])
-            u, v = (offset * across).sum(axis=1) / -facing, turned @ direction / -facing
+            u, v = turned[1] @ direction / -facing, turned[0] @ direction / -facing
             t = np.where((u >= 0) & (v >= 0) & (u + v <= 1), ahead / -facing, np.inf)
             # Also NaN, of triangles that the ray is parallel to.
             t[~(t > 0)] = np.inf
@@ -234,11 +270,13 @@ def extent(instances: list[Instance]) -> Floats:
     return np.concatenate(points).astype(np.float64)
 
 
-def largest_triangles(instances: list[Instance]) -> Floats:
-    """Corners (N, 3, 3) of the largest triangles of each instance, as many in proportion to how many it has."""
+def largest_triangles(instances: list[Instance], seen_from: Floats | None = None) -> Floats:
+    """Corners (N, 3, 3) of the largest triangles of each instance, as many in proportion to how many it has.
+
+    seen_from: an eye (3,), for which those that hide their back are left out where it sees that."""
     share = MAX_TRIANGLES / max(sum(len(instance.mesh.triangles) for instance in instances), 1)
     largest: dict[Mesh, Floats] = {}
-    corners = []
+    corners = [np.zeros((0, 3, 3))]
     for instance in instances:
         mesh = instance.mesh
         if mesh not in largest:
@@ -251,5 +289,9 @@ def largest_triangles(instances: list[Instance]) -> Floats:
             largest[mesh] = found.astype(np.float64)
         placed = transform_points(instance.transform, largest[mesh])
         # A transform that mirrors turns the winding order around.
-        corners.append(placed[:, ::-1] if np.linalg.det(instance.transform[:3, :3]) < 0 else placed)
+        placed = placed[:, ::-1] if np.linalg.det(instance.transform[:3, :3]) < 0 else placed
+        if seen_from is not None and instance.material.hides_back:
+            a, b, c = placed.swapaxes(0, 1)
+            placed = placed[(np.cross(b - a, c - a) * (seen_from - a)).sum(axis=1) > 0]
+        corners.append(placed)
     return np.concatenate(corners)

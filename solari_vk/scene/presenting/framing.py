@@ -10,10 +10,21 @@ import numpy as np
 
 from solari_vk.scene.camera import Camera
 from solari_vk.scene.matrices import rotation
-from solari_vk.scene.presenting.enclosures import Dome, Floats, extent, find_dome, find_room, largest_triangles, trace
+from solari_vk.scene.presenting.enclosures import (
+    Dome,
+    Floats,
+    extent,
+    find_dome,
+    find_room,
+    largest_triangles,
+    open_side,
+    trace,
+)
+from solari_vk.scene.presenting.lamplight import lit_shell
 
 if TYPE_CHECKING:
     from solari_vk.scene.animation.clip import Animation
+    from solari_vk.scene.lights.light import Light
     from solari_vk.scene.objects import Instance
 
 VIEW = (-0.55, -0.4, -1.0)  # the direction in which objects are seen: a three-quarter view from above
@@ -36,11 +47,14 @@ def poses(
         yield shown_instances()
 
 
-def default_camera(poses: Iterable[list[Instance]], aspect: float, turns: Iterable[float] = (0.0,)) -> Camera | None:
+def default_camera(
+    poses: Iterable[list[Instance]], aspect: float, turns: Iterable[float] = (0.0,), lights: Iterable[Light] = ()
+) -> Camera | None:
     """A camera that shows instances in several poses, of which the last one stays; None if there are no instances.
 
     aspect: width / height of the picture. turns: angles, in radians about the vertical axis through their middle, by
     which the camera will be turned, from where objects that stand alone are seen whole too. A room is seen from inside,
+    as is a shell that keeps its light, of lights or of its own, inside; a box without a front through the open side,
     and what is in a dome from within the dome.
     """
     visible: list[Instance] = []
@@ -57,15 +71,22 @@ def default_camera(poses: Iterable[list[Instance]], aspect: float, turns: Iterab
         return None
     every = np.concatenate(points)
     if dome is not None:
-        return _in_dome(fit(every, VIEW, aspect), every, largest_triangles(dome.shells), aspect)
+        return _in_dome(fit(every, np.array(VIEW), aspect), every, largest_triangles(dome.shells), aspect)
+    middle = (every.min(axis=0) + every.max(axis=0)) / 2
+    opening = open_side(middle, largest_triangles(visible))
+    if opening is not None:
+        return _around(every, list(turns), aspect, -opening)
     room = find_room(visible, every)
     if room is not None:
         return _inside(room.center, room.triangles)
-    return _around(every, list(turns), aspect)
+    camera = _around(every, list(turns), aspect, np.array(VIEW))
+    shell = lit_shell(camera, visible, lights, every)
+    return camera if shell is None else _inside(shell.center, shell.triangles)
 
 
-def _around(points: Floats, turns: list[float], aspect: float) -> Camera:
-    """A camera that shows points (N, 3) whole, also after it is turned by any of some angles about their middle."""
+def _around(points: Floats, turns: list[float], aspect: float, view: Floats) -> Camera:
+    """A camera with a view direction (3,) that shows points (N, 3) whole, also after it is turned by any of some angles
+    about their middle."""
     center = (points.min(axis=0) + points.max(axis=0)) / 2
     if len(turns) > 1:
         points = _outermost(points)
@@ -74,10 +95,10 @@ def _around(points: Floats, turns: list[float], aspect: float) -> Camera:
     if len(turns) > 1:
         # With all points and their mirror images the axis is in the middle of the picture. Otherwise what turns would
         # wander from side to side.
-        right = np.cross(VIEW, (0, 1, 0))
+        right = np.cross(view, (0, 1, 0))
         mirrored = seen - 2 / (right @ right) * np.outer(seen @ right, right)
         seen = np.concatenate([seen, mirrored])
-    return fit(seen + center, VIEW, aspect)
+    return fit(seen + center, view, aspect)
 
 
 def _outermost(points: Floats) -> Floats:
@@ -92,9 +113,9 @@ def _outermost(points: Floats) -> Floats:
     return found
 
 
-def fit(points: Floats, direction: tuple[float, float, float], aspect: float) -> Camera:
+def fit(points: Floats, direction: Floats, aspect: float) -> Camera:
     """The nearest camera with a view direction that has all points (N, 3) in its picture, which they touch."""
-    camera = Camera.look_at(-np.array(direction), (0, 0, 0), vertical_fov=OBJECT_FOV)
+    camera = Camera.look_at(-direction, (0, 0, 0), vertical_fov=OBJECT_FOV)
     axes = camera.transform[:3, :3]
     x, y, z = (points @ axes).T
     slope = math.tan(OBJECT_FOV / 2) / MARGIN
@@ -145,11 +166,16 @@ def _inside(center: Floats, triangles: Floats) -> Camera:
     turns = 2 * math.pi * np.arange(48) / 48
     level = np.stack([np.sin(turns), 0 * turns, np.cos(turns)], axis=1)
     free = trace(center, level, triangles).distance
-    longest = 4 * np.linalg.norm(np.ptp(triangles.reshape(-1, 3), axis=0))
-    free = np.minimum(free, longest)
+    # Windows and doors lead out of the bounds, where the way ends.
+    low, high = triangles.min(axis=(0, 1)), triangles.max(axis=(0, 1))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        ends = np.where(level > 0, (high - center) / level, np.where(level < 0, (low - center) / level, np.inf))
+    leaves = np.isinf(free)
+    free = np.minimum(free, ends.min(axis=1))
     ahead = int(np.argmax(free + np.roll(free, -24)))  # the opposite direction is half a turn away
-    if free[ahead] < free[(ahead + 24) % 48]:
-        ahead = (ahead + 24) % 48
+    opposite = (ahead + 24) % 48
+    if (leaves[opposite], -free[opposite]) < (leaves[ahead], -free[ahead]):
+        ahead = opposite
     behind = free[(ahead + 24) % 48]
     # Not at the wall itself, which would be cut by the near plane.
     eye = center - 0.8 * behind * level[ahead]

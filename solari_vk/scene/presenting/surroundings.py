@@ -6,17 +6,16 @@ import math
 
 import numpy as np
 
-from solari_vk.scene.emission import mean_emission
 from solari_vk.scene.lights.environment import Environment
 from solari_vk.scene.lights.sky import Sky
-from solari_vk.scene.material import UNLIT_RADIANCE
 from solari_vk.scene.model import Camera, Instance, Scene
 from solari_vk.scene.presenting.enclosures import extent, find_dome, find_room, place_of
+from solari_vk.scene.presenting.lamplight import Lamps, lamps_of, light_seen, solid_parts
 from solari_vk.scene.presenting.studio_lights import add_floor, add_lamp, heading, studio_lights
 
-# In cd/m^2, of emissive surfaces that light a scene: a tenth of the studio's walls, or a fifth if none is brighter than
-# white paper there. Weaker ones are signs, screens and labels.
-LEAST_EMISSION, LEAST_OF_PAPER = 0.04, 0.08
+# Radiance of white surfaces, in cd/m^2, that are lit: a thousandth of the studio's walls. Emissive surfaces that light
+# less of what is seen are signs, screens and labels.
+LEAST_LIGHT = 2e-4
 SUN_HEADING = math.radians(-50)  # from the camera's heading
 SUN_HEIGHT = math.radians(40)  # above the horizon
 
@@ -28,11 +27,14 @@ def surround(scene: Scene, camera: Camera, kind: str) -> tuple[str, bool]:
     camera: what turns with it. Returns what the scene got for want of light, "" if it has some, and whether a studio
     alone lights it, which suits EV100 0.
     """
-    lit = any(light.emits for light in scene.lights) or _is_lit_by_surfaces(scene)
+    visible = [instance for instance in scene if instance.visible]
+    lamps = lamps_of(visible)
+    lit = any(light.emits for light in scene.lights) or (lamps is not None and _light_enough(camera, visible, lamps))
     remedy = ""
     if kind == "auto" and not lit:
-        visible = [instance for instance in scene if instance.visible]
         kind, remedy = _light_within(scene, visible, camera) if visible else ("studio", "shown in a studio")
+        if lamps is not None:
+            remedy += ", since its emissive surfaces light too little of what is seen"
     match kind:
         case "auto":
             pass
@@ -47,10 +49,15 @@ def surround(scene: Scene, camera: Camera, kind: str) -> tuple[str, bool]:
     return remedy, kind == "studio" and not lit
 
 
-def _is_lit_by_surfaces(scene: Scene) -> bool:
-    # A lamp is brighter than paper in the studio; a screen or label isn't, and must be larger to count as light.
-    brightest = max((float(instance.material.emissive.max()) for instance in scene if instance.visible), default=0.0)
-    return mean_emission(scene) >= (LEAST_EMISSION if brightest > UNLIT_RADIANCE else LEAST_OF_PAPER)
+def _light_enough(camera: Camera, visible: list[Instance], lamps: Lamps) -> bool:
+    """Whether emissive surfaces light most of what the camera sees, or a closed place, where light gets everywhere."""
+    seen = light_seen(camera, visible, lamps)
+    if len(seen) and np.median(seen) >= LEAST_LIGHT:
+        return True
+    _, closed = place_of(camera, solid_parts(visible))
+    x, y, z = np.ptp(extent(visible), axis=0).tolist()
+    # Spread over the faces of the bounds: about what the light falls on.
+    return closed and float(lamps.intensities.sum()) >= LEAST_LIGHT * 2 * (x * y + y * z + z * x)
 
 
 def _light_within(scene: Scene, visible: list[Instance], camera: Camera) -> tuple[str, str]:

@@ -91,8 +91,8 @@ class MaterialPanel:
     def _edited(self, material: Material, field: str, label: str, value: Any) -> tuple[bool, Any]:
         if field == "emissive":
             return self._emission(value)
-        if isinstance(value, bool):
-            return as_edit(imgui.checkbox(label, value))
+        if value is None or isinstance(value, bool):
+            return as_edit(imgui.checkbox(label, value is not False))
         if isinstance(value, str):
             edited = choose(label, value, ALPHA_MODES)
             return edited != value, edited

@@ -13,6 +13,7 @@ from solari_vk.scene.files.gltf.values import Entry
 
 KEY = "solari_vk"
 PORTAL = "portal"  # of a node that is one
+FRONT_EMITS = "front_emits"  # of a double-sided material whose back doesn't
 
 
 def read_extras(entry: Entry, names: Iterable[str]) -> dict[str, Any]:

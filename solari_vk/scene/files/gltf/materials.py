@@ -14,6 +14,7 @@ from solari_vk.scene import checks
 from solari_vk.scene.files.gltf import specular_glossiness
 from solari_vk.scene.files.gltf.document import Document
 from solari_vk.scene.files.gltf.extensions import OF_MATERIALS, Extension
+from solari_vk.scene.files.gltf.extras import FRONT_EMITS, read_extras
 from solari_vk.scene.files.gltf.nodes import LEVELS
 from solari_vk.scene.files.gltf.pointers import AnimatedObject, Readings
 from solari_vk.scene.files.gltf.report import Report
@@ -67,7 +68,13 @@ class Materials:
                 return self[None]
             # The default material of glTF is metallic and rough.
             self._loaded[None] = LoadedMaterial(
-                Material(base_color=np.ones(3, np.float32), metallic=1.0, perceptual_roughness=1.0, name="default")
+                Material(
+                    base_color=np.ones(3, np.float32),
+                    metallic=1.0,
+                    perceptual_roughness=1.0,
+                    double_sided=False,
+                    name="default",
+                )
             )
         return self._loaded[index]
 
@@ -133,7 +140,7 @@ class Materials:
             "alpha_mode": entry.text("alphaMode", "OPAQUE", ("OPAQUE", "MASK", "BLEND")).lower(),
             # A cutoff above 1 is allowed, and leaves nothing of a masked surface.
             "alpha_cutoff": min(entry.number("alphaCutoff", 0.5, low=0), checks.LARGEST_CUTOFF),
-            "double_sided": entry.flag("doubleSided", False),
+            "double_sided": _double_sided(entry),
         }
 
     def animated(self, number: int, *, moves_uvs: bool) -> AnimatedObject | None:
@@ -176,6 +183,12 @@ def _read_extensions(entry: Entry) -> list[tuple[Extension, Entry]]:
     """The extensions of a material that are read, each with what it says."""
     found = [(extension, entry.extension(name)) for name, extension in OF_MATERIALS.items()]
     return [] if _is_unlit(entry) else [(extension, said) for extension, said in found if said is not None]
+
+
+def _double_sided(entry: Entry) -> bool | None:
+    """Both sides are visible where the file says so; the back emits too unless the file is ours and its front does."""
+    visible = entry.flag("doubleSided", False)
+    return None if visible and read_extras(entry, (FRONT_EMITS,)) else visible
 
 
 def _uv_sets(slots: dict[str, Slot]) -> tuple[int, ...]:

@@ -10,6 +10,8 @@ from typing import Any
 import numpy as np
 
 from solari_vk.scene.files.gltf.extensions import OF_MATERIALS
+from solari_vk.scene.files.gltf.extras import FRONT_EMITS
+from solari_vk.scene.files.gltf.extras import KEY as EXTRAS
 from solari_vk.scene.files.gltf.saving.content import Content, plain
 from solari_vk.scene.files.gltf.specular_glossiness import FULL_REFLECTION
 from solari_vk.scene.files.gltf.textures import MAGNIFICATION, MINIFICATION, WRAP
@@ -80,7 +82,8 @@ class Surfaces:
         # Empty fields are left out: these are the format's defaults.
         fields["alphaMode"] = material.alpha_mode.upper() if material.alpha_mode != "opaque" else None
         fields["alphaCutoff"] = material.alpha_cutoff if material.alpha_mode == "mask" else None
-        fields["doubleSided"] = material.double_sided or None
+        fields["doubleSided"] = not material.hides_back or None
+        fields["extras"] = {EXTRAS: {FRONT_EMITS: True}} if material.double_sided is None else None
         holder: dict[str, Any] = {}
         if material.unlit:
             self._content.use("KHR_materials_unlit", owner=holder)
