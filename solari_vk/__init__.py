@@ -57,6 +57,7 @@ if TYPE_CHECKING:
     from solari_vk.gpu.frame.frame import Stage as Stage
     from solari_vk.output.annotations import Annotations as Annotations
     from solari_vk.output.annotations import instance_table as instance_table
+    from solari_vk.output.annotations import merge_coco as merge_coco
     from solari_vk.output.compare import Difference as Difference
     from solari_vk.output.compare import compare as compare
     from solari_vk.output.kitti import save_kitti_disparity as save_kitti_disparity

@@ -21,7 +21,7 @@ ANIMATION_AVERAGE = 4
 EXPOSED_AVERAGE = 16  # with a shutter, whose frames are at as many moments
 SAMPLES = 256
 DENOISED_SAMPLES = 48  # OIDN makes a clean picture of them: docs/measured/still-lavapipe.md
-ORBIT_PICTURES = 48
+ORBIT_SECONDS = 2.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -210,7 +210,7 @@ class RenderOptions(SharedPicture):
     )
     frames: int | None = option(
         f"frames after the warm-up ({STILL_FRAMES}, on graphics cards {STILL_FRAMES_ON_CARDS}, or --average); "
-        f"pictures of an animation ({ORBIT_PICTURES}, or as many as its path has)",
+        "pictures of an animation (--duration times --fps)",
         "N",
         type=positive,
     )
@@ -227,6 +227,12 @@ class RenderOptions(SharedPicture):
         "orbit[:DEGREES]|file|FILE",
     )
     fps: int = option("pictures a second of an animation (24)", "N", type=positive, default=24)
+    duration: float | None = option(
+        f"seconds that an animation lasts ({ORBIT_SECONDS:g} around the scene, else as long as the file's animation or "
+        "the path)",
+        "S",
+        type=float,
+    )
     samples: int | None = option(
         f"samples per pixel of each picture ({SAMPLES}; with --denoise {DENOISED_SAMPLES})", "N", type=positive
     )

@@ -15,7 +15,7 @@ from typing import Any
 import solari_vk as sv
 from solari_vk.base.errors import SolariError, advice_for, quoted
 from solari_vk.base.files import read_json
-from solari_vk.cli.jobs import ORBIT_PICTURES, MovieJob, SceneOptions, StillJob
+from solari_vk.cli.jobs import ORBIT_SECONDS, MovieJob, SceneOptions, StillJob
 from solari_vk.output.animation import MAX_CAMERAS, load_path, orbit, orbit_turns
 from solari_vk.scene.files.libraries import INSTALL
 from solari_vk.scene.model import Animation, Camera, Scene
@@ -23,6 +23,7 @@ from solari_vk.scene.presenting.surroundings import surround
 from solari_vk.scene.shutter import Shutter
 
 BUILTIN = "builtin:"
+ORBIT_PLACES = 48  # from which an orbit's camera must see the scene whole
 MAX_DIGITS = 10  # of an index: Python refuses to read numbers with thousands
 
 
@@ -212,7 +213,7 @@ def _orbit_of(job: SceneOptions) -> _Orbit | None:
 
 def _front_camera(scene: Scene, job: SceneOptions, clip: Animation | None, path: _Orbit | None) -> Camera:
     """The scene's camera, or one that frames the scene in all poses of a clip and from all places of an orbit."""
-    turns = [0.0] if path is None else orbit_turns(ORBIT_PICTURES, path.swing).tolist()
+    turns = [0.0] if path is None else orbit_turns(ORBIT_PLACES, path.swing).tolist()
     width, height = job.size
     return scene.camera_for(width / height, clip, turns=turns)
 
@@ -246,9 +247,14 @@ def _animated_cameras(
     movie: MovieJob, scene: Scene, camera: Camera, clip: Animation | None, path: _Orbit | None
 ) -> list[Camera]:
     """The cameras of an animation that starts at `camera`."""
-    count = movie.frames or (ORBIT_PICTURES if clip is None else max(round(clip.duration * movie.fps), 1))
+    lasts = movie.duration
+    if lasts is not None and not 0 < lasts < math.inf:
+        raise SolariError(f"--duration {lasts:g}: give a number of seconds above 0")
+    own = ORBIT_SECONDS if clip is None else clip.duration
+    count = movie.frames or max(round((lasts or own) * movie.fps), 1)
     if count > MAX_CAMERAS:
-        raise SolariError(f"--frames {count}: an animation has at most {MAX_CAMERAS:,} pictures")
+        option = f"--frames {count}" if movie.frames else f"--fps {movie.fps} for {lasts or own:g} s"
+        raise SolariError(f"{option}: an animation has at most {MAX_CAMERAS:,} pictures")
     if clip is not None:
         return [camera] * count  # the scene moves, the camera rests
     if path is not None:
@@ -257,7 +263,8 @@ def _animated_cameras(
         raise SolariError(
             f"--animate {movie.animate}: is a clip of the file: give --animate file --clip {quoted(movie.animate)}"
         )
-    return load_path(movie.animate, camera, fps=movie.fps, count=movie.frames)
+    given = movie.frames or (None if lasts is None else count)
+    return load_path(movie.animate, camera, fps=movie.fps, count=given)
 
 
 def _default_exposure(job: SceneOptions, camera: Camera, lit_by_studio: bool) -> str:

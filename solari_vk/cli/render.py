@@ -142,6 +142,9 @@ def _contradictions(job: StillJob | MovieJob) -> Iterator[tuple[object, str]]:
         job.shutter is not None and job.target_error is not None,
         f"--target-error: a picture with --shutter has --{'samples' if job.mode == 'reference' else 'frames'}",
     )
+    if job.duration is not None:
+        yield isinstance(job, StillJob), "--duration: a still picture takes no time: give --animate"
+        yield job.frames, "--duration: an animation with --frames has that many pictures: leave one of the two out"
     if job.transparent:
         yield from _of_transparent(job)
     # The path tracer has no debug views and frames, so that what follows is about the realtime renderer.

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from solari_vk.base.errors import SolariError, quoted
+from solari_vk.base.errors import SolariError, quoted, unknown_name
 from solari_vk.scene.model import Instance
 
 NO_INSTANCE = 2**32 - 1
@@ -73,24 +73,83 @@ def instance_table(instances: Mapping[int, Instance], labels: Mapping[int, str])
     return {"no_instance": NO_INSTANCE, "instances": rows}
 
 
+def checked_classes(classes: Any) -> list[str]:
+    """A list of classes; raises SolariError for what isn't one, or names a class twice."""
+    if isinstance(classes, str) or not all(isinstance(name, str) and name for name in classes):
+        raise SolariError(f"annotations: classes is a list of names, not {quoted(classes)}")
+    found = list(classes)
+    if len(set(found)) < len(found):
+        raise SolariError(f"annotations: classes names one twice: {', '.join(found)}")
+    return found
+
+
+def merge_coco(parts: Iterable[Mapping[str, Any]]) -> dict[str, Any]:
+    """One data set in COCO's format of several: what `Annotations.coco` returned, or json.load of annotations.json.
+
+    Images and annotations are numbered anew, and categories of one name are one. Raises SolariError for what isn't in
+    the format, for pictures of one name, and for keypoints of a category that differ.
+    """
+    merged: dict[str, Any] = {"images": [], "annotations": [], "categories": []}
+    categories: dict[str, dict[str, Any]] = {}
+    names: set[str] = set()
+    for number, part in enumerate(parts):
+        try:
+            _add_coco(merged, part, categories, names)
+        except (KeyError, TypeError) as error:
+            raise SolariError(f"merge_coco: part {number} isn't in COCO's format: {error!r}") from None
+    return merged
+
+
+def _add_coco(
+    merged: dict[str, Any], part: Mapping[str, Any], categories: dict[str, dict[str, Any]], names: set[str]
+) -> None:
+    ids = {}
+    for category in part["categories"]:
+        name = category["name"]
+        if name not in categories:
+            categories[name] = {**category, "id": len(categories) + 1}
+            merged["categories"].append(categories[name])
+        elif category.get("keypoints") != categories[name].get("keypoints"):
+            raise SolariError(f"merge_coco: the keypoints of {name!r} differ: give all data sets the same ones")
+        ids[category["id"]] = categories[name]["id"]
+    images = {}
+    for image in part["images"]:
+        if image["file_name"] in names:
+            raise SolariError(
+                f"merge_coco: two pictures are called {image['file_name']!r}: put their folders before file_name"
+            )
+        names.add(image["file_name"])
+        images[image["id"]] = len(merged["images"]) + 1
+        merged["images"].append({**image, "id": images[image["id"]]})
+    for found in part["annotations"]:
+        of = {"image_id": images[found["image_id"]], "category_id": ids[found["category_id"]]}
+        merged["annotations"].append({**found, **of, "id": len(merged["annotations"]) + 1})
+
+
 class Annotations:
-    """Annotations of pictures of one scene. Classes are the labels in alphabetical order; instances without one have
-    no annotation. labels: of instances by number, such as `frame.labels`. keypoints: the names of instances' keypoints
-    by number. objects: the numbers of each object's parts, such as `frame.objects`, which have one annotation; by
-    default instances have their own. Raises SolariError if there is no label, and if objects of a class have other
-    keypoints."""
+    """Annotations of pictures of one scene; instances without a label have none. labels: of instances by number, such
+    as `frame.labels`. keypoints: the names of instances' keypoints by number. objects: the numbers of each object's
+    parts, such as `frame.objects`, which have one annotation; by default instances have their own. classes: those of a
+    data set of several scenes, in the order of their numbers; by default the labels that are there, by the alphabet,
+    which differ from scene to scene. Raises SolariError if there is no class, for a label that isn't one, and if
+    objects of a class have other keypoints."""
 
     def __init__(
         self,
         labels: Mapping[int, str],
         keypoints: Mapping[int, Sequence[str]] | None = None,
         objects: Mapping[int, Sequence[int]] | None = None,
+        classes: Sequence[str] | None = None,
     ) -> None:
         if not isinstance(labels, Mapping):
             raise SolariError(f"Annotations: labels are by number, such as frame.labels, not {quoted(labels)}")
         self.labels = {number: label for number, label in labels.items() if label}
         """The labels of the annotated instances, by number."""
-        self.classes = sorted(set(self.labels.values()))
+        present = sorted(set(self.labels.values()))
+        self.classes = present if classes is None else checked_classes(classes)
+        for label in present:
+            if label not in self.classes:
+                raise unknown_name("annotations: classes lack the label", label, self.classes)
         if not self.classes:
             raise SolariError(
                 "annotations: no instance has a label: assign instance.label, or give a file of classes "

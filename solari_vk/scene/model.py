@@ -119,7 +119,8 @@ class Scene(Grouping, Observable):
     def animate(self, seconds: float, clip: int | str = 0, *, loop: bool = True) -> None:
         """Pose the scene as it is some seconds after the start of a clip, by its number or name in `animations`.
 
-        loop: start again after the end. Raises SolariError for an unknown clip, and a time that isn't finite.
+        loop: start again after the end, which `duration` shows itself. Raises SolariError for an unknown clip, and a
+        time that isn't finite.
         """
         self._animations[clip].apply(self, seconds, loop=loop)
 

@@ -394,6 +394,10 @@ WRONG = [
     (BOX, [*SAMPLES, "--camera", "9" * 5000], ["--camera 999", "999...999"]),
     (BOX, [*SAMPLES, "--camera", "{" + " 1" * 5000], ["--camera { 1 1"]),
     (BOX, ["--animate", "orbit", "--frames", "1000000000000"], ["--frames 1000000000000", "100,000"]),
+    (BOX, ["--animate", "orbit", "--duration", "1e9"], ["--fps 24 for 1e+09 s", "100,000"]),
+    (BOX, ["--animate", "orbit", "--duration", "nan"], ["--duration nan", "above 0"]),
+    (BOX, ["--animate", "orbit", "--duration", "1", "--frames", "2"], ["--duration", "leave one"]),
+    (BOX, ["--duration", "1"], ["--duration", "give --animate"]),
     (BOX, ["--workers", "2", "--cluster", "tcp://a:1"], ["--workers", "--cluster", "one of the two"]),
     (BOX, ["--shared-folder"], ["--shared-folder", "--cluster"]),
 ]

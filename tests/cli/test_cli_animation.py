@@ -95,3 +95,20 @@ def test_a_scene_without_animations(render):
         code, said = render("builtin:cornell_box", *arguments)
         assert code == 2
         assert f"{word}: builtin:cornell_box has no animations" in said
+
+
+def test_how_long_an_animation_lasts(moving, tmp_path):
+    """Pictures a second cut time finer, and don't change how long a turn, a clip or a path takes."""
+    path = tmp_path / "path.json"
+    path.write_text('[{"position": [0, 1, 5], "target": [0, 1, 0]}, {"position": [3, 1, 5], "target": [0, 1, 0]}]')
+    kinds = {"orbit": [], "orbit:40": [], str(path): [], "file": ["--clip", "slide"]}
+
+    def count(animate, *more):
+        words = ["render", str(moving), *SMALL, "-o", "a.gif", "--animate", animate, *kinds[animate], *map(str, more)]
+        return len(load_scene(make_job(parse(COMMANDS, words)[1])).cameras)
+
+    for fps in (12, 30):
+        # The second of the path has a picture at both ends.
+        assert [count(kind, "--fps", fps) for kind in kinds] == [2 * fps, 2 * fps, fps + 1, fps]
+        assert [count(kind, "--fps", fps, "--duration", 3) for kind in kinds] == [3 * fps] * 4
+    assert count("orbit", "--fps", 30, "--frames", 7) == 7

@@ -68,6 +68,9 @@ def test_files(tmp_path, extras, label):
     assert labels(sv.load(path)) == [label]
 
 
+ROOMS = ({0: "ball", 1: "can"}, {0: "bottle", 1: "can"})
+
+
 @pytest.fixture
 def chairs(tmp_path):
     """A file with two nodes of a mesh of two primitives."""
@@ -109,6 +112,34 @@ def test_parts_with_one_label_have_one_annotation(chairs):
         assert [(one["instance_id"], one["area"]) for one in coco["annotations"]] == expected
         assert annotations.yolo(ids).count("\n") == len(expected)
         assert coco["annotations"][0]["bbox"] == [0, 0, 3 - len(expected) // 2, 2]
+
+
+def test_classes_have_one_number_in_all_scenes():
+    """A class is a list's place, whatever a scene holds; data sets of other lists are merged by the names."""
+    picture = np.array([[0, 0, 1, 1]], np.uint32)
+    classes = ["can", "ball", "bottle"]
+    rooms = [sv.Annotations(labels, classes=classes) for labels in ({0: "ball", 1: "can"}, {0: "bottle", 1: "can"}, {})]
+    found = [room.coco([(f"{number}.png", picture)]) for number, room in enumerate(rooms)]
+    assert [one["categories"] for one in found] == [found[0]["categories"]] * 3
+    assert [[one["category_id"] for one in room["annotations"]] for room in found] == [[2, 1], [3, 1], []]
+    assert [room.yolo(picture).split()[::5] for room in rooms] == [["1", "0"], ["2", "0"], []]
+    own = [sv.Annotations(labels).coco([(f"{name}.png", picture)]) for name, labels in zip("ab", ROOMS, strict=True)]
+    merged = sv.merge_coco(own)
+    names = {category["id"]: category["name"] for category in merged["categories"]}
+    files = {image["id"]: image["file_name"] for image in merged["images"]}
+    assert [(files[one["image_id"]], names[one["category_id"]]) for one in merged["annotations"]] == [
+        ("a.png", "ball"), ("a.png", "can"), ("b.png", "bottle"), ("b.png", "can"),
+    ]  # fmt: skip
+    for items in merged.values():
+        assert [item["id"] for item in items] == list(range(1, len(items) + 1))
+    for wrong, words in (
+        (lambda: sv.Annotations({0: "cup"}, classes=classes), "classes lack the label 'cup'"),
+        (lambda: sv.Annotations({}, classes=["a", "a"]), "names one twice"),
+        (lambda: sv.merge_coco([own[0], own[0]]), "two pictures are called 'a.png'"),
+        (lambda: sv.merge_coco([{"images": []}]), "part 0 isn't in COCO's format"),
+    ):
+        with pytest.raises(sv.SolariError, match=words):
+            wrong()
 
 
 def test_labels_change_no_picture(device):

@@ -20,12 +20,12 @@ from solari_vk.data.annotate.silhouettes import Silhouette, merge_runs, read_run
 from solari_vk.data.cluster import Style, View
 from solari_vk.data.datasets.dataset import NAME
 from solari_vk.data.datasets.tasks import KEYPOINTS, SILHOUETTES
+from solari_vk.data.datasets.views import COCO
 from solari_vk.output.annotations import Annotations, boxes
 from solari_vk.output.shards import save_shards
 from solari_vk.scene.model import Camera, Instance, Scene
 
 # Files and folders of a data set.
-COCO = "annotations.json"
 CLASSES = "classes.txt"
 BOP = "bop"
 SHARDS = "shards"

@@ -121,7 +121,7 @@ def _annotation_writer(
     job: DatasetJob, style: Style, scene: Scene, labels: dict[int, str], keypoints: dict[int, tuple[str, ...]]
 ) -> AnnotationWriter:
     instances = dict(enumerate(scene.instances))
-    annotations = Annotations(labels, keypoints, objects_of(instances, labels))
+    annotations = Annotations(labels, keypoints, objects_of(instances, labels), job.classes or None)
     return AnnotationWriter(
         job.output.resolve(), annotations, instances, style, scene, split=BOP_SPLITS.get(job.format, "")
     )

@@ -56,6 +56,13 @@ class DatasetJob(SharedPicture):
         type=words,
         default=(),
     )
+    classes: tuple[str, ...] = option(
+        "the classes in the order of their numbers, for data sets of several scenes (those that are there, by the "
+        "alphabet)",
+        "A,B",
+        type=words,
+        default=(),
+    )
     sensor: str | None = option(
         "write the raw digital numbers of an image sensor too, NUMBER.raw.npy: fields of Sensor as JSON, such as "
         '{"iso": 400, "bayer": "RGGB"}, or in a file',

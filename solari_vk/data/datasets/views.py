@@ -19,6 +19,8 @@ from solari_vk.scene.images.image_files import read_pixels
 from solari_vk.scene.model import Camera, Scene
 
 PICTURES = (".png", ".jpg", ".npy")
+COCO = "annotations.json"
+OF_COCO = ("boxes", "labels", "masks")
 
 
 class Sample(dict[str, NDArray[Any]]):
@@ -36,8 +38,10 @@ class Views(Hints):
 
     views[n] is a sample: a dict of "rgb" (height, width, 3), float32, sRGB from 0 to 1, of .npy files radiance in
     cd/m^2, and of the other layers by name. `torch.utils.data.DataLoader(Views(folder), batch_size=8)` gives tensors.
-    names: what samples have, by default "rgb" and all layers but silhouettes, keypoints and optical flow. Raises
-    SolariError for a folder that isn't a data set, for an unknown name, and for files that can't be read.
+    names: what samples have, by default "rgb" and all layers but silhouettes, keypoints and optical flow; of data sets
+    with `--annotations coco` also "boxes" (N, 4), left, top, right and bottom in pixels, "labels" (N,), the categories,
+    and "masks" (N, height, width) of the N things in a view, as detectors of torchvision take them. Raises SolariError
+    for a folder that isn't a data set, for an unknown name, and for files that can't be read.
     """
 
     def __init__(self, folder: str | os.PathLike[str], names: Sequence[str] | None = None) -> None:
@@ -55,6 +59,11 @@ class Views(Hints):
             raise SolariError(f"{path}: its pictures are {suffix} files: Views reads {', '.join(PICTURES)}")
         self.names = tuple(name for name in self._known if name not in TRACED) if names is None else tuple(names)
         """What samples have."""
+        self._coco: dict[str, list[dict[str, Any]]] = {}
+        if (self.folder / COCO).exists():
+            self._known += OF_COCO
+            if not set(OF_COCO).isdisjoint(self.names):
+                self._coco = self._read_coco()
         for name in self.names:
             if name not in self._known:
                 raise unknown_name(f"{path}: views have no", name, self._known)
@@ -68,7 +77,39 @@ class Views(Hints):
         # The list's own IndexError ends `for` loops over views, as Python's sequences do.
         frame = self._frames[operator.index(number)]
         paths = {"rgb": frame["file_path"], **frame["layer_paths"]}
-        return Sample({name: self._read(self.folder / paths[name]) for name in self.names})
+        read = {name: self._read(self.folder / paths[name]) for name in self.names if name not in OF_COCO}
+        if self._coco:
+            read |= self._things(frame["file_path"])
+        return Sample({name: read[name] for name in self.names})
+
+    def _read_coco(self) -> dict[str, list[dict[str, Any]]]:
+        """The annotations of each picture, by its file."""
+        path = self.folder / COCO
+        data = read_json(path, str(path))
+        try:
+            files = {image["id"]: image["file_name"] for image in data["images"]}
+            found: dict[str, list[dict[str, Any]]] = {name: [] for name in files.values()}
+            for one in data["annotations"]:
+                found[files[one["image_id"]]].append(one)
+        except (KeyError, TypeError) as error:
+            raise SolariError(f"{path}: isn't one that `solari-vk dataset` wrote: {error!r}") from None
+        return found
+
+    def _things(self, file_name: str) -> dict[str, NDArray[Any]]:
+        width, height = self.size
+        try:
+            found = self._coco[file_name]
+            boxes = np.array([one["bbox"] for one in found], np.float32).reshape(-1, 4)
+            masks = np.zeros((len(found), width, height), np.bool_)
+            for mask, one in zip(masks, found, strict=True):
+                # Column by column, beginning outside.
+                runs = one["segmentation"]["counts"]
+                mask.ravel()[:] = np.repeat(np.arange(len(runs)) % 2 == 1, runs)
+            labels = np.array([one["category_id"] for one in found], np.int64)
+        except (KeyError, TypeError, ValueError) as error:
+            raise SolariError(f"{self.folder / COCO}: lacks what {file_name} shows: {error!r}") from None
+        boxes[:, 2:] += boxes[:, :2]
+        return dict(zip(OF_COCO, (boxes, labels, masks.swapaxes(1, 2)), strict=True))
 
     def _read(self, file: Path) -> NDArray[Any]:
         # Codes of 8 bits become 0 to 1; their alpha, which pictures of a data set don't use, is left out.

@@ -14,6 +14,8 @@ from solari_vk.scene.collection import Items
 from solari_vk.scene.lights.light import Light
 from solari_vk.scene.observable import Checked, checked
 
+ROUNDING = 1e-9  # of a time in seconds
+
 
 class HasLights(Protocol):
     """A scene, of which clips need the lights: hidden ones leave it."""
@@ -55,8 +57,8 @@ class Animation(Checked):
     def apply(self, scene: HasLights, seconds: float, *, loop: bool = True) -> None:
         """Pose a scene as it is some seconds after the start.
 
-        loop: start again after the end; otherwise the end stays. Raises SolariError for a time that isn't finite, and
-        for values that the objects can't take.
+        loop: start again after the end, which is shown itself; otherwise the end stays. Raises SolariError for a time
+        that isn't finite, and for values that the objects can't take.
         """
         mix(scene, [(self, seconds, 1.0)], loop=loop)
 
@@ -68,7 +70,9 @@ class Animation(Checked):
         duration = self.duration
         if loop and duration > 0:
             # In clips without a duration there is nothing to repeat.
-            time %= duration
+            repeated = time % duration
+            # The end is shown where a pass ends, also by a sum of steps that rounding makes a little longer.
+            time = duration if time > 0 and repeated <= ROUNDING * time else repeated
         found: Any = self._tracks  # type: ignore[attr-defined]
         return [(track.nodes, track.path, track.at(time)) for track in found]
 

@@ -177,6 +177,15 @@ def test_views_are_a_data_set_of_pytorch(views, recipe):
     ):
         with pytest.raises(sv.SolariError, match=words):
             wrong()
+    named = sv.Views(views, ["boxes", "labels", "masks", "instance_id"])
+    coco = json.loads((views / "annotations.json").read_text())
+    for number, thing in enumerate(named):
+        rows = [one for one in coco["annotations"] if one["image_id"] == number + 1]
+        assert thing["labels"].tolist() == [one["category_id"] for one in rows]
+        for (left, top, right, bottom), mask, row in zip(thing["boxes"], thing["masks"], rows, strict=True):
+            assert np.array_equal(mask, thing["instance_id"] == row["instance_id"])
+            y, x = np.nonzero(mask)
+            assert (left, top, right, bottom) == (x.min(), y.min(), x.max() + 1, y.max() + 1)
     data = pytest.importorskip("torch.utils.data")
     batches = list(data.DataLoader(sv.Views(views, ["rgb", "depth"]), batch_size=2))
     assert [tuple(batch["rgb"].shape) for batch in batches] == [(2, 32, 40, 3), (2, 32, 40, 3), (1, 32, 40, 3)]

