@@ -50,7 +50,7 @@ class SceneBinder:
         """Counts the updates that applied edits of a scene."""
         self.has_many_scenes = not isinstance(scene, Scene)
         """Whether each world has a scene of its own: the binder was made of a list."""
-        self._device = device
+        self.device = device
         scenes = [scene] if isinstance(scene, Scene) else list(scene)
         self.tlas: SceneTlas | None = None
         """The structure that rays traverse, of one scene."""
@@ -71,13 +71,13 @@ class SceneBinder:
 
     def _make_records(self, scenes: Mapping[Scene, None]) -> list[SceneRecords]:
         block_dtypes = self.assets.block_dtypes
-        table: Any = partial(Table, self._device)
+        table: Any = partial(Table, self.device)
         shared = None
         if self.has_many_scenes:
             table = HostTable
             shared = SharedBuffers()
         return [
-            SceneRecords(self._device, scene, self.assets, table, LightList(self._device, block_dtypes, shared))
+            SceneRecords(self.device, scene, self.assets, table, LightList(self.device, block_dtypes, shared))
             for scene in scenes
         ]
 
@@ -217,7 +217,7 @@ class SceneBinder:
         its latest frame. `previous_tlas` is from before the latest change until a renderer that has rendered the
         changed scene is about to do so again.
         """
-        self._device.check_open()
+        self.device.check_open()
         self.tensors.check()
         if self.tlas is not None:
             self.bindings_version += self.tlas.keep_previous(bool(self._previous_users))

@@ -42,7 +42,7 @@ class BackSides:
         instances = (scene if isinstance(scene, Scene) else scene.scene).instances
         if not any(instance.visible and instance.material.hides_back for instance in instances):
             return
-        view = scene, getattr(scene, "revision", 0), Projection.of(camera, size).view
+        view = scene, getattr(scene, "scene_revision", 0), Projection.of(camera, size).view
         if view in self._seen:
             return
         if len(self._seen) >= FIRST_LOOKS:

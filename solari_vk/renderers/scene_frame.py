@@ -24,6 +24,7 @@ def bind_scene(device: Device, scene: Scene | SceneBinder, who: str, owned: Exit
     checked_device(device, who)
     check_kind(scene, (Scene, SceneBinder), f"{who}: the scene", "give a solari_vk.Scene, or a SceneBinder")
     if not isinstance(scene, Scene):
+        device.check_owns(scene, f"{who}: the SceneBinder")
         return scene
     binder = SceneBinder(device, scene)
     owned.callback(binder.destroy)

@@ -466,11 +466,11 @@ def test_an_edit_of_alpha_leaves_memory_shared(bound):
     meshes, veil = [sphere(0.5, 12) for _ in range(2)], Material()
     binder = bound(*(Instance(mesh, veil) for mesh in meshes))
     binder.update()
-    geometry, used = binder.assets.geometry, binder._device.objects_in_use
+    geometry, used = binder.assets.geometry, binder.device.objects_in_use
     shared, opaque = geometry._buffers[meshes[0]], geometry.blases[meshes[0]]
     veil.update(alpha=0.5, alpha_mode="blend")
     binder.update()
     assert [geometry._buffers[mesh] for mesh in meshes] == [shared, shared]
     assert geometry.blases[meshes[0]] is geometry.blases[meshes[1]] is not opaque
-    binder._device.wait_idle()
-    assert binder._device.objects_in_use == used
+    binder.device.wait_idle()
+    assert binder.device.objects_in_use == used

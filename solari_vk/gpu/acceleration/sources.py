@@ -42,8 +42,8 @@ class BufferSlice:
         name = self.buffer.name
         if self.buffer.handle is None:
             raise SolariError(f"{what}: buffer {name} was destroyed")
-        if device is not None and self.buffer.device is not device:
-            raise SolariError(f"{what}: buffer {name} belongs to another device")
+        if device is not None:
+            device.check_owns(self.buffer, f"{what}: buffer {name}")
         if self.count < 0 or self.offset < 0 or stride < size:
             layout = f"count {self.count}, offset {self.offset}, stride {stride} of {size}-byte records"
             raise SolariError(f"{what} in buffer {name}: {layout}")

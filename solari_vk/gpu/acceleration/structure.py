@@ -176,12 +176,12 @@ class Structure:
         self.built_at = at
         self.refit_count = self.refit_count + 1 if update else 0
 
-    def check_alive(self, action: str, device: object = None) -> None:
+    def check_alive(self, action: str, device: Device | None = None) -> None:
         """Raise SolariError if the structure was destroyed or, given a device, belongs to another one."""
         if self.destroyed:
             raise SolariError(f"{action} of {self.describe()}, which was destroyed")
-        if device is not None and device is not self.device:
-            raise SolariError(f"{action} of {self.describe()}, which belongs to another device")
+        if device is not None:
+            device.check_owns(self, f"{action} of {self.describe()}, which")
 
     def describe(self) -> str:
         """Its name in messages."""

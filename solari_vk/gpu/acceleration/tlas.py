@@ -45,7 +45,7 @@ class Tlas(Structure):
         self.instance_count = 0
         self.blases: tuple[Blas, ...] = ()
         self.built_records = np.zeros(0, INSTANCE_DTYPE)
-        self._checked_at = 0
+        self._checked_at = -1  # never: the clock of a fresh process stands at 0
         # The address of the instances is set by each build; the sizes need only their number.
         instances = raw.struct(
             "VkAccelerationStructureGeometryKHR",

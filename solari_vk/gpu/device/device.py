@@ -117,6 +117,11 @@ class Device(WorkQueue):
         """A batch of uploads: `with device.uploads() as uploads:` makes one submission at its end."""
         return Uploads(self.staging_pool)
 
+    def check_owns(self, made: Any, what: str) -> None:
+        """Raise SolariError for an object that holds something of another device. what: begins the message."""
+        if getattr(made, "device", self) is not self:
+            raise SolariError(f"{what} belongs to another device: make it with the one that uses it")
+
     def trim(self) -> None:
         """Free compiled pipelines that nothing uses, and memory that data was copied through.
 

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 from solari_vk.base.errors import SolariError, quoted
 from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.frame import hazards
+from solari_vk.gpu.frame.descriptors import BufferRange
 from solari_vk.gpu.frame.graphics import Targets
 from solari_vk.gpu.frame.hazards import Accesses, Masks
 from solari_vk.gpu.frame.interface import Interface, merge_bindings, shared_layout
@@ -39,6 +40,17 @@ class BuiltStep:
     counts: tuple[int, int, int] = (0, 0, 0)
 
 
+def _parts(resource: Any) -> Iterator[Any]:
+    """The objects of a device that a resource is made of."""
+    if isinstance(resource, BufferRange):
+        yield resource.buffer
+    elif isinstance(resource, (list, tuple)):
+        for item in resource:
+            yield from _parts(item)
+    else:
+        yield resource
+
+
 @dataclass(frozen=True)
 class Program:
     """The steps of a frame, ready to be recorded."""
@@ -49,8 +61,11 @@ class Program:
     pipeline_keys: set[PipelineKey]
 
     def check(self, bound: Mapping[str, Any]) -> None:
-        """Raise SolariError if a resource of the shaders is missing, naming the passes that use it, or if an indirect
-        buffer is too small."""
+        """Raise SolariError if a resource of the shaders is missing, naming the passes that use it, if one belongs to
+        another device, or if an indirect buffer is too small."""
+        for name, resource in bound.items():
+            for item in _parts(resource):
+                self.interface.device.check_owns(item, f"{name}: {item!r}")
         for step in self.steps:
             if isinstance(step.item, Pass) and step.item.indirect is not None and step.item.indirect in bound:
                 _check_indirect(step, step.item, bound[step.item.indirect])

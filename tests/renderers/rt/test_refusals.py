@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from types import SimpleNamespace
 
 import numpy as np
@@ -11,6 +13,9 @@ from support.scenes import quad_corners, translation
 import solari_vk as sv
 from solari_vk import rt
 from solari_vk.gpu.acceleration.blas import Blas
+from solari_vk.gpu.device import raw
+from solari_vk.gpu.device.sampler import Sampler
+from solari_vk.gpu.frame.descriptors import BufferRange
 from solari_vk.gpu.frame.frame import Frame, Pass, Stage
 
 SIX = rt.TriangleSize(6)
@@ -321,3 +326,75 @@ def test_what_was_checked_stays(world):
     entry = rt.BlasBuildEntry(blas, geometries)
     geometries[0] = "x"
     world.build([entry])
+
+
+BINDERS = {
+    "PathTracer": lambda device, scene: sv.PathTracer(device, scene, (8, 8)),
+    "Renderer": lambda device, scene: sv.Renderer(device, scene, (8, 8)),
+    "RayTracer": lambda device, scene: sv.RayTracer(device, scene),
+    "SceneFrame": lambda device, scene: sv.SceneFrame(device, scene, []),
+    "Batch": lambda device, scene: sv.Batch(device, scene, (8, 8), 1),
+    "illuminance": lambda device, scene: sv.illuminance(device, scene, (0, 0, 0)),
+}
+
+
+def test_what_belongs_to_another_device_is_refused(device, tmp_path):
+    """Whatever takes things of a device: frames, also in lists and ranges and when bound later, and all renderers."""
+    (tmp_path / "passes").mkdir()
+    (tmp_path / "passes/copy.comp").write_text(
+        """#version 460
+        #include "scene/ray_query.glsl"
+        layout(local_size_x = 1) in;
+        layout(set = 1) uniform accelerationStructureEXT tlas;
+        layout(set = 1) uniform sampler2D picture;
+        layout(set = 1, scalar) buffer DataBlock { vec4 at[]; } data;
+        void main() {
+            RAY_QUERY(query);
+            rayQueryInitialize(query, tlas, RayDesc(0u, 255u, 0.0, 9.0, vec3(0.0), vec3(0.0, 0.0, 1.0)));
+            while (rayQueryProceed(query)) {}
+            data.at[0] = textureLod(picture, vec2(0.5), 0.0);
+        }"""
+    )
+    with sv.Device() as other:
+
+        def made_by(one):
+            image = one.image(1, 1, raw.VK_FORMAT_R32G32B32A32_SFLOAT, "image", usage=raw.VK_IMAGE_USAGE_SAMPLED_BIT)
+            sampled = image, Sampler(one)
+            buffer = one.buffer(16, "data")
+            return {"tlas": rt.create_tlas(one, 1), "picture": sampled, "data": buffer}
+
+        mine, theirs = made_by(device), made_by(other)
+        theirs["data "] = BufferRange(theirs["data"], 0, 16)
+        theirs["picture "] = mine["picture"][0], theirs["picture"][1]
+        stage = Stage("copy", passes=[Pass("copy", 1)])
+        with Frame(device, [stage], external=mine, glsl_root=tmp_path) as frame:
+            for name, foreign in theirs.items():
+                for use in (lambda one: Frame(device, [stage], external=mine | one, glsl_root=tmp_path), frame.bind):
+                    with refused(f"{name.strip()}: .* belongs to another device: make it with the one that uses it"):
+                        use({name.strip(): foreign})
+        binder = sv.SceneBinder(other, sv.builtin("cornell_box"))
+        for make in BINDERS.values():
+            with refused("the SceneBinder belongs to another device"):
+                make(device, binder)
+        binder.destroy()
+        for one in (mine, theirs):
+            for item in (one["tlas"], one["data"], *one["picture"]):
+                item.destroy()
+
+
+def test_a_tlas_is_refused_in_a_process_that_has_built_none(tmp_path):
+    program = """
+import solari_vk as sv
+from solari_vk import rt
+from solari_vk.gpu.frame.frame import Frame, Pass, Stage
+with sv.Device() as device:
+    stage = Stage("trace", buffers={"rays": 1, "hits": 1}, passes=[Pass("conformance/trace", 1)])
+    with Frame(device, [stage], external={"tlas": rt.create_tlas(device, 1)}) as frame:
+        for _ in range(2):
+            try:
+                frame.submit()
+            except sv.SolariError as error:
+                print(error)
+"""
+    ran = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    assert ran.stdout.splitlines() == ["use of Tlas tlas, which was never built"] * 2
