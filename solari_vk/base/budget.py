@@ -9,6 +9,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass, field
+from numbers import Integral, Real
 
 from solari_vk.base.errors import SolariError, quoted
 
@@ -49,10 +50,10 @@ def load_budget(memory: int | None = None, seconds: float | None = None) -> Iter
         memory = parse_size(os.environ.get("SOLARI_VK_LOAD_MEMORY", str(MEMORY)), "SOLARI_VK_LOAD_MEMORY")
     if seconds is None:
         seconds = _parse_seconds(os.environ.get("SOLARI_VK_LOAD_SECONDS", str(SECONDS)))
-    if not (isinstance(memory, int) and isinstance(seconds, int | float) and memory > 0 and seconds > 0):
+    if not (isinstance(memory, Integral) and isinstance(seconds, Real) and memory > 0 and seconds > 0):
         given = f"{quoted(memory)} and {quoted(seconds)}"
         raise SolariError(f"load: give memory in bytes and seconds, both above 0, not {given}")
-    budget = Budget(memory, time.monotonic() + seconds)
+    budget = Budget(int(memory), time.monotonic() + float(seconds))
     token = _current.set(budget)
     try:
         yield budget

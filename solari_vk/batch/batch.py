@@ -202,7 +202,10 @@ class Batch(BatchResults):
         accepted = accept_cameras(self._port, cameras, "Batch.render", (self.views, 4, 4))
         read = self._read(accepted, options)
         self._look_for_backs(accepted, read)
-        self._render(read, sample_count, self._checked_seeds(seeds), checked_mask(reset, self.views), clears_cache)
+        numbers = self._checked_seeds(seeds)
+        begins = checked_mask(reset, self.views)
+        with self.binder.tensors.putting_off():
+            self._render(read, sample_count, numbers, begins, clears_cache)
         return self
 
     def _read(self, cameras: Any, options: Mapping[str, Any]) -> view_cameras.ViewCameras:
@@ -213,12 +216,10 @@ class Batch(BatchResults):
 
     def _look_for_backs(self, cameras: Any, read: view_cameras.ViewCameras) -> None:
         """Warn if one of the first views looks through the backs of surfaces."""
-        scene: Scene | SceneBinder = self.binder
-        if self.binder.has_many_scenes:
-            # Each look takes the first world's scene to the device again.
-            if self._rendered:
-                return
-            scene = self.binder.scene
+        # Where worlds have scenes of their own, each look takes the first one to the device again.
+        if self._back_sides.rests or (self.binder.has_many_scenes and self._rendered):
+            return
+        scene = self.binder.scene if self.binder.has_many_scenes else self.binder
         for view in range(1 if self.binder.has_many_scenes else min(self.views, VIEWS_LOOKED_AT)):
             camera = view_cameras.camera_of(cameras, read, view)
             if camera is not None:
@@ -293,7 +294,7 @@ class Batch(BatchResults):
         resets = resets_of(frames, self.views, reset)
         self._prepare_many(frames)
         # The device gets the commands of all frames in one submission.
-        with self.device.gathered():
+        with self.device.gathered(), self.binder.tensors.putting_off():
             for index in range(frames):
                 for instance, values in moves[index]:
                     self.transforms.replace(instance, values)

@@ -107,6 +107,8 @@ def checked_worlds(device: Device, worlds: Any, views: int, renderer: str) -> in
 
 def check_realtime(cameras: Any) -> None:
     """Raise SolariError for cameras that the realtime renderer doesn't take."""
+    if isinstance(cameras, Camera):
+        cameras = [cameras]
     if not isinstance(cameras, (list, tuple)):
         return
     for index, camera in enumerate(cameras):

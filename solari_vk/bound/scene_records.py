@@ -57,6 +57,7 @@ class SceneRecords:
         # The meshes that raster and rays see of each instance, and its material.
         self._uses: dict[Instance, tuple[DeviceMesh, DeviceMesh, Material]] = {}
         self._ids: dict[Instance, int] = {}
+        self._written_as: dict[Instance, tuple[Any, ...]] = {}
         self._last_id = 0
         self._changed: dict[Observable, None] = dict.fromkeys((*scene.instances, *scene.lights, *scene.cameras))
         self._applied: dict[Observable, None] = {}  # changes that may not be on the device yet
@@ -166,8 +167,16 @@ class SceneRecords:
         self._assets.features.add_of(camera)
 
     def _apply_material(self, material: Material) -> None:
-        # Worlds of a batch have materials for instances that may have left the scene, and emitters of their own.
-        self._write_later(self._assets.materials.mark_changed(material))
+        users = self._assets.materials.mark_changed(material)
+        # A light's record depends on what an emitter emits, and worlds of a batch have this material for instances that
+        # have another one in the scene. Else records say how rays meet an instance, which most edits leave as it is:
+        # no structure is built then.
+        emits = material.emits or material in self._assets.materials.emitting
+        self._write_later(
+            user
+            for user in users
+            if emits or user.material is not material or self._written_as.get(user) != _record_key(user)
+        )
 
     def _apply_mesh(self, mesh: Mesh) -> None:
         if self._may_change_lights(mesh, "positions"):
@@ -230,6 +239,9 @@ class SceneRecords:
             self._release(instance, *before)
 
     def _add_or_update(self, instance: Instance, before: tuple[DeviceMesh, DeviceMesh, Material] | None) -> None:
+        # Before anything is acquired, or an instance that is refused would keep it.
+        if instance not in self.instance_rows and len(self.instance_rows) >= MAX_INSTANCES:
+            raise SolariError(f"{self.scene.describe()} has more than {MAX_INSTANCES} instances")
         device_mesh = self._geometry.device_mesh(instance.mesh, instance)
         device_ray_mesh = (
             device_mesh if instance.ray_mesh is None else self._geometry.device_mesh(instance.ray_mesh, instance)
@@ -240,8 +252,6 @@ class SceneRecords:
             instance.watch(self)
             self._last_id += 1
             self._ids[instance] = self._last_id
-            if self.instance_rows.high_water_mark > MAX_INSTANCES:
-                raise SolariError(f"{self.scene.describe()} has more than {MAX_INSTANCES} instances")
         self._to_write[instance] = None
         if before != after:
             if before is not None and before[1] is not device_ray_mesh and self.lights.index(instance) is not None:
@@ -260,6 +270,7 @@ class SceneRecords:
         self.instance_table.records["ray_mesh"][row] = NO_INDEX
         self.instance_table.mark([row])
         del self._uses[instance], self._ids[instance]
+        self._written_as.pop(instance, None)
         self.instance_rows.release(instance, None)
 
     def _acquire(self, instance: Instance, mesh: DeviceMesh, ray_mesh: DeviceMesh, material: Material) -> None:
@@ -318,6 +329,7 @@ class SceneRecords:
     def _write_instance(self, instance: Instance) -> None:
         """Write an instance's records as plain numbers, which is fastest for the few that move in most frames."""
         row = self.instance_rows[instance]
+        self._written_as[instance] = _record_key(instance)
         visible = instance.visible
         material = instance.material
         alpha_mode = instance.alpha_mode
@@ -356,3 +368,9 @@ class SceneRecords:
             item.unwatch(self)
         for owner in (self.emissions, self.lights, self.instance_table, self.traced.table):
             owner.destroy()
+
+
+def _record_key(instance: Instance) -> tuple[Any, ...]:
+    """What the records of an instance hold of its material, beside its row and its light."""
+    material = instance.material
+    return instance.alpha_mode, material.hides_back, material.disperses

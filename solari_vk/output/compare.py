@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib.util
 import math
 import os
+from numbers import Real
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -47,7 +48,7 @@ def compare(
     Raises SolariError for pictures of other or different shapes and kinds, for values that aren't finite, and for a
     heatmap without FLIP.
     """
-    if exposure is not None and not (isinstance(exposure, (int, float)) and 0 < exposure < math.inf):
+    if exposure is not None and not (isinstance(exposure, Real) and 0 < exposure < math.inf):
         raise SolariError(f"compare: exposure is a factor above 0, such as camera.exposure, not {quoted(exposure)}")
     if heatmap is not None:
         check_output(heatmap, EIGHT_BIT)

@@ -78,8 +78,13 @@ def save_image(
             write_npy(target, picture)
         else:
             write_codes(target, _codes(picture, alpha, exposure, tonemap))
-        for name, layer in arrays.items():
-            write_npy(target.with_name(f"{target.stem}.{name}.npy"), layer)
+        write_beside(target, arrays)
+
+
+def write_beside(target: Path, layers: Mapping[str, NDArray[Any]]) -> None:
+    """Write layers as .npy files beside a picture."""
+    for name, layer in layers.items():
+        write_npy(target.with_name(f"{target.stem}.{name}.npy"), layer)
 
 
 def _codes(picture: Colors, alpha: NDArray[np.float32] | None, exposure: float, curve: str) -> NDArray[np.uint8]:

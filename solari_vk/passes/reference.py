@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from numbers import Integral
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -53,10 +54,12 @@ class Settings:
                 raise SolariError(f"PathTracer: {name} must be one of {', '.join(known)}, not {quoted(value)}")
         for name in ("max_bounces", "seed", "first_sample"):
             value = getattr(self, name)
-            if not isinstance(value, int):
+            if not isinstance(value, Integral):
                 raise SolariError(f"PathTracer: {name} must be a whole number, not {quoted(value)}")
-            if not 0 <= value < 2**32:
+            number = int(value)  # numpy's would wrap around
+            if not 0 <= number < 2**32:
                 raise SolariError(f"PathTracer: {name} must lie between 0 and 2^32 - 1, not {quoted(value)}")
+            object.__setattr__(self, name, number)
 
 
 def trace_stage(size: tuple[int, int], rows: int, settings: Settings, shader: str = "trace") -> Stage:

@@ -12,7 +12,7 @@ def rows(threads: int) -> tuple[int, int]:
     """The size (width, height) of a dispatch of at least `threads` threads; exactly as many for a power of two."""
     # Vulkan promises 65,535 workgroups in each dimension, so one row of them may not be enough.
     row = ROW_GROUPS * GROUP_SIZE
-    return min(threads, row), max(threads // row, 1)
+    return min(threads, row), -(-threads // row)
 
 
 def glsl_header() -> str:

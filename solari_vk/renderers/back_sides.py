@@ -10,7 +10,6 @@ import numpy as np
 
 from solari_vk.base.errors import warn
 from solari_vk.bound.binder import SceneBinder
-from solari_vk.bound.projection import Projection
 from solari_vk.gpu.device.device import Device
 from solari_vk.renderers.ray_tracer import RayTracer
 from solari_vk.scene.calibrated import pixel_rays
@@ -27,28 +26,42 @@ class BackSides:
     def __init__(self, device: Device) -> None:
         self._device = device
         self._has_warned = False
-        self._seen: set[Any] = set()  # what the latest looks were at
+        # What the latest look was at.
+        self._transform: Any = None
+        self._others = 0.0, 0
         self._looks = 0
         self._next_look = 0.0
+
+    @property
+    def rests(self) -> bool:
+        """Whether no look is due."""
+        return self._has_warned or (self._looks >= FIRST_LOOKS and time.monotonic() < self._next_look)
 
     def look(self, scene: Scene | SceneBinder, camera: Camera, size: tuple[int, int]) -> None:
         """Warn if more than half of a picture shows what lies behind a surface that hides its back.
 
         Call it before the renderer's own update of the binder, whose previous frame is then that of the renderer.
         """
-        started = time.monotonic()
-        if self._has_warned or (self._looks >= FIRST_LOOKS and started < self._next_look):
+        if self.rests:
             return
-        instances = (scene if isinstance(scene, Scene) else scene.scene).instances
-        if not any(instance.visible and instance.material.hides_back for instance in instances):
+        revision = 0
+        if isinstance(scene, SceneBinder):
+            scene.update()  # so that edits count now
+            revision = scene.scene_revision
+        # A transform is another array once it is assigned.
+        others = camera.vertical_fov, revision
+        if camera.transform is self._transform and others == self._others:
             return
-        view = scene, getattr(scene, "scene_revision", 0), Projection.of(camera, size).view
-        if view in self._seen:
-            return
-        if len(self._seen) >= FIRST_LOOKS:
-            self._seen.clear()
-        self._seen.add(view)
+        self._transform, self._others = camera.transform, others
         self._looks += 1
+        started = time.monotonic()
+        instances = (scene if isinstance(scene, Scene) else scene.scene).instances
+        if any(instance.visible and instance.material.hides_back for instance in instances):
+            self._judge(scene, camera, size)
+        ended = time.monotonic()
+        self._next_look = ended + (ended - started) / SHARE_OF_TIME
+
+    def _judge(self, scene: Scene | SceneBinder, camera: Camera, size: tuple[int, int]) -> None:
         # Pixels are counted from the middle of the first one.
         x, y = ((np.arange(SIDE) + 0.5) * side / SIDE - 0.5 for side in size)
         pixels = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
@@ -64,5 +77,3 @@ class BackSides:
                     f"picture, most of them of {instance.describe()}: {instance.material.describe()} has "
                     "double_sided=False, as glTF has it unless a file says otherwise; True shows both sides"
                 )
-        ended = time.monotonic()
-        self._next_look = ended + (ended - started) / SHARE_OF_TIME

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import time
 from collections.abc import Callable
+from numbers import Integral, Real
 from typing import Any
 
 import numpy as np
@@ -94,11 +95,15 @@ class PathTracer(RendererBase):
 
     def resize(self, size: tuple[int, int]) -> None:
         size = self._checked_size(size)
-        dispatch = DispatchSize(size, self._frame.frame_count, self._dispatch.pixel_ms)
-        self._frame.rebuild([reference.trace_stage(size, dispatch.rows, self.settings)])
+        before = self._dispatch
+        self._dispatch = DispatchSize(size, self._frame.frame_count, before.pixel_ms)
+        try:
+            self._frame.rebuild(self._stages(size))
+        except BaseException:
+            self._dispatch = before
+            raise
         # Nothing may have changed if the device has no memory for this size, so all else follows the rebuild.
         self._size = size
-        self._dispatch = dispatch
         self._sample_counts = SampleCounts(self._frame, size, self.read)
         self.reset()
 
@@ -176,6 +181,7 @@ class PathTracer(RendererBase):
         camera = self._camera_or_default(camera)
         exposes = shutter is not None or pose is not None
         self._check_request(samples, target_error, exposes, denoise)
+        samples = int(samples)  # numpy's would wrap around
         started = time.perf_counter()
 
         def is_late() -> bool:
@@ -203,9 +209,9 @@ class PathTracer(RendererBase):
 
     def _check_request(self, samples: Any, target_error: Any, exposes: bool, denoise: bool) -> None:
         """Raise SolariError for a number of samples or a target that no picture can have."""
-        if not isinstance(samples, int) or samples < 1:
+        if not isinstance(samples, Integral) or samples < 1:
             raise SolariError(f"PathTracer.render: samples must be a whole number from 1 on, not {quoted(samples)}")
-        if target_error is not None and not (isinstance(target_error, (int, float)) and target_error >= 0):
+        if target_error is not None and not (isinstance(target_error, Real) and float(target_error) >= 0):
             raise SolariError(f"PathTracer.render: target_error must be at least 0, not {quoted(target_error)}")
         if denoise:
             oidn.check_installed()

@@ -215,6 +215,7 @@ class Renderer(RendererBase):
             display.show_stage(picture, lighting.debug_view_pass(settings.lighting)),
             gbuffer.last_stage(instances),
         ]
+        self.counted_passes = []
         if self.count_rays:
             stages, self.counted_passes = display.count_rays(stages)
         return stages
@@ -236,6 +237,7 @@ class Renderer(RendererBase):
             self._tonemap,
             self._needs_traced_camera,
             self._frame.uniforms.version,
+            self.count_rays,
         )
         # Most frames have the settings of the one before, whose uniforms then stay as they are.
         if seen != self._written_settings:
@@ -253,7 +255,8 @@ class Renderer(RendererBase):
     def _build_key(self) -> tuple[Any, ...]:
         """What `_stages` depends on and may change from frame to frame."""
         has_lobes = bool(LOBES & self.binder.features)
-        return self.size, self.binder.instance_capacity, self.settings.rebuild_key, has_lobes, self.gbuffer
+        key = self.size, self.binder.instance_capacity, self.settings.rebuild_key, has_lobes, self.gbuffer
+        return *key, self.count_rays
 
     def _remember_build(self) -> None:
         self._built = self._build_key()

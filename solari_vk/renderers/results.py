@@ -19,7 +19,7 @@ from solari_vk.bound.projection import Projection
 from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.tensors.exports import CudaTensor
 from solari_vk.output.annotations import boxes, merged_ids
-from solari_vk.output.picture import EIGHT_BIT, check_alpha, png_bytes, save_image, write_codes
+from solari_vk.output.picture import EIGHT_BIT, check_alpha, png_bytes, save_image, write_beside, write_codes
 from solari_vk.output.tone_mapping import encode_picture, misexposed, unseen
 from solari_vk.passes.first_hits import FIRST_HITS
 from solari_vk.renderers.first_hit_reader import FirstHitReader
@@ -345,7 +345,9 @@ class RenderedFrame(Hints):
                 raise SolariError(f"{path}: a debug view has no transparent background: set view to 'picture'")
         is_picture = Path(path).suffix.lower() in EIGHT_BIT
         if is_picture and renderer.view != "picture":
+            read = {name: self[name] for name in layers}  # before anything is written, which an error would leave
             write_codes(Path(path), self["display"][..., :3])
+            write_beside(Path(path), read)
             return
         radiance = self["radiance"]
         if is_picture or isinstance(exposure, str):

@@ -12,6 +12,7 @@ import pytest
 import solari_vk as sv
 from solari_vk.batch import view_cameras
 from solari_vk.batch.batch import SHADER
+from solari_vk.batch.options import check_realtime
 from solari_vk.bound.binder import SceneBinder
 from solari_vk.bound.projection import Projection
 from solari_vk.cli import main
@@ -408,6 +409,25 @@ def test_wrong_input_is_named(three, arguments, said):
     with pytest.raises(sv.SolariError, match=said):
         three.render(**{"cameras": POSES[:, [1, 0, 2, 3]], **arguments})
     np.testing.assert_array_equal(three["depth"], before)
+
+
+def test_what_the_device_refuses_meanwhile_is_said_by_the_next_call(three, monkeypatch):
+    """A frame whose arguments were checked is rendered whole."""
+    port, read = three.binder.tensors, three._read
+    number = port.refusal("a target", lambda index: f"number {index} is wrong")["what"]
+
+    def read_late(*arguments):
+        port._refusals.view(np.uint32)[number] = number << 20 | 5
+        return read(*arguments)
+
+    monkeypatch.setattr(three, "_read", read_late)
+    three.render(POSES)
+    monkeypatch.undo()
+    with pytest.raises(sv.SolariError, match="number 5 is wrong"):
+        three.render(POSES)
+    for cameras in (sv.Camera(auto_exposure=True), [sv.Camera(auto_exposure=True)]):
+        with pytest.raises(sv.SolariError, match="set auto_exposure to False"):
+            check_realtime(cameras)
 
 
 def test_wrong_options_are_named(device, binder, three):

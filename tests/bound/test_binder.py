@@ -15,6 +15,7 @@ from hypothesis.stateful import RuleBasedStateMachine, precondition, rule, run_s
 from support.frames import fail_after
 
 from solari_vk.base.errors import SolariError
+from solari_vk.bound import scene_records
 from solari_vk.bound.binder import SceneBinder
 from solari_vk.bound.constants import MATERIAL_DOUBLE_SIDED, MATERIAL_HIDES_BACK, NO_INDEX
 from solari_vk.bound.lights.light_kinds import KIND_INDEX
@@ -459,6 +460,42 @@ def test_renderers_share_a_binder(device, rng, scene, binder):
         assert second["depth"].shape == (4, 4)
         second.resize((5, 5))
         assert second.render(camera, samples=2)["radiance"].shape == (5, 5, 3)
+
+
+def test_edits_of_colors_build_nothing(bound):
+    """Neither the structure nor the worlds of a batch, which edits that rays notice have built anew."""
+    paint = Material()
+    binder = bound(Instance(sphere(0.5, 12), paint))
+    edits = (
+        ({"base_color": 0.1, "roughness": 0.3}, False),
+        ({"double_sided": False}, True),
+        ({"alpha": 0.5, "alpha_mode": "blend"}, True),
+        ({"base_color": 0.2}, False),
+        ({"emissive": 1.0}, True),
+        ({"emissive": 0.0}, True),
+        ({"emissive_texture": None}, False),
+    )
+    binder.update()
+    for fields, builds in edits:
+        before = binder.tlas.current.build_count, binder.records.record_revision
+        paint.update(**fields)
+        binder.update()
+        after = binder.tlas.current.build_count, binder.records.record_revision
+        assert [b > a for a, b in zip(before, after, strict=True)] == [builds] * 2, fields
+
+
+def test_an_instance_too_many_takes_no_row(bound, monkeypatch):
+    monkeypatch.setattr(scene_records, "MAX_INSTANCES", 3)
+    binder = bound(*(Instance(sphere(0.5, 12)) for _ in range(3)))
+    binder.update()
+    extra = binder.scene.add(Instance(sphere(0.5, 12)))
+    for _ in range(2):
+        with pytest.raises(SolariError, match="more than 3 instances"):
+            binder.update()
+    binder.scene.remove(extra)
+    binder.update()
+    assert sorted(binder.instances) == [0, 1, 2]
+    assert len(binder.records.instance_rows) == 3
 
 
 def test_an_edit_of_alpha_leaves_memory_shared(bound):

@@ -7,6 +7,7 @@ import pytest
 from support.frames import choose_dispatches, leaves_nothing
 
 import solari_vk as sv
+from solari_vk.passes import rows as threads_of
 
 
 @pytest.fixture
@@ -40,6 +41,25 @@ def test_what_it_refuses(device, scene):
             renderer.render(5)
         with pytest.raises(sv.SolariError, match="render before"):
             renderer["radiance"]
+
+
+def test_whole_numbers_may_be_numpys(device, scene):
+    """Those of few bits too, whose products would wrap around; and a subclass keeps its stages when it is resized."""
+
+    class Own(sv.PathTracer):
+        def _stages(self, size):
+            return [*super()._stages(size), sv.Stage("own")]
+
+    options = {"seed": np.uint8(200), "max_bounces": np.int64(3), "first_sample": np.int32(1)}
+    pictures = []
+    for kind, numbers in ((Own, options), (sv.PathTracer, {name: int(value) for name, value in options.items()})):
+        with kind(device, scene, (4, 4), **numbers) as tracer:
+            tracer.resize((8, 4))
+            pictures.append(tracer.render(samples=np.uint8(3))["radiance"])
+            assert ("own" in [stage.name for stage in tracer.stages]) == (kind is Own)
+    np.testing.assert_array_equal(*pictures)
+    for threads in (1, 70_000, 1 << 17, 131_073):
+        assert np.prod(threads_of.rows(threads)) >= threads
 
 
 def test_a_refused_resize_changes_nothing(device, scene):

@@ -222,7 +222,8 @@ def test_notebooks_show_what_is_saved(renderer, tmp_path):
     for view in ("picture", "shading_normal") if isinstance(renderer, sv.Renderer) else ("picture",):
         renderer.view = view
         frame = render(renderer)
-        frame.save(tmp_path / "shown.png")
+        frame.save(tmp_path / "shown.png", "depth")
+        np.testing.assert_array_equal(np.load(tmp_path / "shown.depth.npy"), frame["depth"])
         assert frame._repr_png_() == (tmp_path / "shown.png").read_bytes()
         if view == "shading_normal":
             np.testing.assert_array_equal(np.asarray(Image.open(tmp_path / "shown.png")), frame["display"][..., :3])

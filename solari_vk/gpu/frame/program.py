@@ -7,6 +7,8 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+
 from solari_vk.base.errors import SolariError, quoted
 from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.frame import hazards
@@ -218,7 +220,7 @@ class ProgramBuilder:
 
     def _counts(self, name: str, item: Pass, module: Module) -> tuple[int, int, int]:
         # Threads become workgroups by the shader's own local size, so that a pass never repeats it.
-        threads = (item.threads,) if isinstance(item.threads, int) else tuple(item.threads or ())
+        threads = (item.threads,) if isinstance(item.threads, int | np.integer) else tuple(item.threads or ())
         if not 1 <= len(threads) <= 3 or min(threads) < 1:
             found = quoted(item.threads)
             raise SolariError(f"pass {name}: threads are one to three whole numbers above 0, not {found}")

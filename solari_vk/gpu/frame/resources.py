@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from numbers import Integral
 from typing import Any
 
 from solari_vk.base.errors import SolariError, quoted
@@ -185,12 +186,12 @@ def _image_size(stage: Stage, name: str, size: Any) -> tuple[int, int]:
 def _buffer_bytes(stage: Stage, binding: Binding, count: Any) -> int:
     if binding.kind != "storage_buffer":
         raise SolariError(f"stage {stage.name}: {binding.name} is a {binding.kind} in the shaders, not a buffer")
-    if not isinstance(count, int) or count < 1:
+    if not isinstance(count, Integral) or count < 1:
         found = quoted(count)
         raise SolariError(f"stage {stage.name}: {binding.name} needs a whole number of elements above 0, not {found}")
     if binding.element is None and count != 1:
         raise SolariError(f"stage {stage.name}: {binding.name} has no runtime array: its count is 1, not {count}")
-    return binding.size_bytes(count)
+    return binding.size_bytes(int(count))
 
 
 def _clear(image: Image) -> None:

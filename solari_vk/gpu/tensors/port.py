@@ -10,7 +10,8 @@ The assets of a binder have one port and each batch has another one, so that eve
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Hashable, Mapping, Sequence
+from collections.abc import Callable, Collection, Hashable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from typing import Any, NamedTuple, TypeGuard
 
 import numpy as np
@@ -52,6 +53,7 @@ class TensorPort:
         self._refusals: Buffer | None = None  # in memory that the host sees
         self._numbers: dict[Hashable, int] = {}  # of targets of refusals
         self._messages: dict[int, Callable[[int], str]] = {}  # by these numbers
+        self._puts_off = False
 
     # ---- accept -------------------------------------------------------------------------------------
 
@@ -182,7 +184,7 @@ class TensorPort:
 
     def check(self) -> None:
         """Raise SolariError for a number that was refused, if the device has come to it. Doesn't wait."""
-        if self._refusals is None:
+        if self._refusals is None or self._puts_off:
             return
         words = self._refusals.view(np.uint32)
         refused = np.flatnonzero(words)
@@ -191,6 +193,15 @@ class TensorPort:
         number, index = divmod(int(words[refused[0]]), 1 << 20)
         words[refused[0]] = 0
         raise SolariError(f"{self._messages[number](index)}, and wasn't in a tensor of an earlier frame")
+
+    @contextmanager
+    def putting_off(self) -> Iterator[None]:
+        """Leave what the device refuses meanwhile to the next `check` after the block, so that this one ends whole."""
+        self._puts_off = True
+        try:
+            yield
+        finally:
+            self._puts_off = False
 
     def destroy(self) -> None:
         """Free everything."""

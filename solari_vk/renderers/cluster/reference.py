@@ -12,6 +12,7 @@ import math
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing
 from dataclasses import dataclass, field
+from numbers import Integral
 from typing import Any
 
 import numpy as np
@@ -215,7 +216,7 @@ def _check_aim(samples: Any, target_error: float | None) -> None:
     """Raise SolariError where nothing says how many samples a picture takes."""
     if samples is None and target_error is None:
         raise SolariError("render_reference: give a number of samples, or a target_error")
-    if samples is not None and (not isinstance(samples, int) or samples < 1):
+    if samples is not None and (not isinstance(samples, Integral) or samples < 1):
         raise SolariError(f"render_reference: samples must be a whole number from 1 on, not {quoted(samples)}")
 
 

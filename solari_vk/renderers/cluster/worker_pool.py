@@ -14,6 +14,7 @@ from collections import deque
 from collections.abc import Callable, Iterable
 from contextlib import ExitStack, closing
 from dataclasses import dataclass
+from numbers import Integral
 from queue import Empty, SimpleQueue
 from typing import Any, Self
 
@@ -95,7 +96,7 @@ class WorkerPool:
     ) -> None:
         if (workers is None) == (address is None):
             raise SolariError("WorkerPool: give either a number of workers, or the address of a scheduler")
-        if workers is not None and (not isinstance(workers, int) or workers < 1):
+        if workers is not None and (not isinstance(workers, Integral) or workers < 1):
             raise SolariError(f"WorkerPool: workers must be a whole number from 1 on, not {quoted(workers)}")
         most = WORKERS_PER_CORE * (os.cpu_count() or 1)
         if workers is not None and workers > most:
