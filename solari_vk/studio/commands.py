@@ -14,6 +14,7 @@ from urllib.parse import urlunsplit
 
 import solari_vk as sv
 from solari_vk.base.errors import SolariError
+from solari_vk.base.files import followed
 from solari_vk.cli.devices import open_device
 from solari_vk.cli.loading import LoadedScene, load_scene
 from solari_vk.gpu.device.compile_notes import CompileNotes
@@ -68,7 +69,7 @@ def view(job: ViewJob) -> None:
         viewer.pictures.tonemap = job.tonemap
         viewer.run(frames=job.frames)
         if job.screenshot is not None:
-            write_codes(job.screenshot, viewer.capture())
+            write_codes(followed(job.screenshot), viewer.capture())
 
 
 def _check_screenshot(job: ViewJob, path: Path) -> None:

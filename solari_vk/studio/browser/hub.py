@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import asyncio
+import time
+from collections import Counter
 from collections.abc import Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor
+from operator import itemgetter
 from typing import Any, Protocol, TypeVar
 
 import numpy as np
@@ -18,6 +21,7 @@ from solari_vk.studio.browser.stream import Frame, Message, Page
 GRACE = 20.0  # seconds for which a camera without pages keeps its memory on the device, for a page that is loaded again
 MAX_PAGES = 32
 MAX_VIEWS = 16  # cameras
+LONGEST_STEP = 0.05  # seconds for orders of one camera
 MAX_ORDERS = 10_000  # of a camera, while the device is at something else, such as compiling
 Result = TypeVar("Result")
 
@@ -65,6 +69,7 @@ class View:
     def join(self, page: Page) -> None:
         """Show this view in a page."""
         self.pages.add(page)
+        page.wake = self.wake
         if self.frame is not None:
             page.offer(self.frame)
         self._wake.set()
@@ -113,7 +118,7 @@ class View:
             await self._wake.wait()
         # All orders of the time that the last frame took are done at once, so that movements don't lag behind.
         orders, self._orders = self._orders, []
-        answers, shown = await self._hub.call(self._step, orders, self._has_waiting_pages)
+        answers, shown = await self._hub.call(self._step, _in_turn(orders), self._has_waiting_pages)
         for page, answer in answers:
             # Options concern all pages of the view; an error, and what was picked, the one that asked.
             self.tell([page] if "error" in answer or "picked" in answer else self.pages, answer)
@@ -135,8 +140,13 @@ class View:
         """On the device's thread: do what pages ask, then render a frame; returns the answers and the frame, or what
         is wrong with it."""
         assert self.screen is not None
-        answers = []
-        for page, message in orders:
+        answers: list[tuple[Page, dict[str, Any]]] = []
+        end = time.monotonic() + LONGEST_STEP
+        for done, (page, message) in enumerate(orders):
+            # Other cameras wait for this thread. At least one order is done.
+            if done and time.monotonic() > end:
+                self._loop.call_soon_threadsafe(self._put_back, orders[done:])
+                break
             answer = self._do(message)
             if answer:
                 answers.append((page, answer))
@@ -156,6 +166,10 @@ class View:
                 raise
             self._rests = True  # until somebody changes something
             return answers, error_text(error)
+
+    def _put_back(self, orders: list[tuple[Page, Message]]) -> None:
+        self._orders[:0] = orders
+        self._wake.set()
 
     def _do(self, message: Message) -> dict[str, Any]:
         """Do what a page asks; returns the answer. What is wrong with it ends the server only with a lost device."""
@@ -183,6 +197,16 @@ class View:
                 self._show(codes, {"preview": True}, False)
 
         self._loop.call_soon_threadsafe(tell)
+
+
+def _in_turn(orders: list[tuple[Page, Message]]) -> list[tuple[Page, Message]]:
+    """The first orders of all pages, then the second ones, and so on: a page that asks much hinders no other."""
+    counts = Counter[Page]()
+    turns = []
+    for page, _ in orders:
+        turns.append(counts[page])
+        counts[page] += 1
+    return [order for _, order in sorted(zip(turns, orders, strict=True), key=itemgetter(0))]
 
 
 class Hub:

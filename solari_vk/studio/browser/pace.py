@@ -6,6 +6,8 @@ beyond it for frames that wait in queues.
 
 from __future__ import annotations
 
+import math
+
 # The share of the picture's width and height, and the quality of the JPEG. Each level has up to twice the bytes of the
 # one before.
 LEVELS = ((0.25, 40), (0.35, 50), (0.5, 60), (0.75, 70), (1.0, 75), (1.0, 85), (1.0, 92))
@@ -31,6 +33,7 @@ class Pace:
         self._sent: dict[int, tuple[float, int, int]] = {}
         self._shortest = float("inf")
         self._steady = 0
+        self._answered = -math.inf  # when the last frame was
 
     @property
     def ready(self) -> bool:
@@ -50,7 +53,9 @@ class Pace:
             del self._sent[earlier]  # a page that was hidden tells of the last one alone
         # The page's decoding is a part of the round trip.
         seconds = max(now - began, 1e-4)
-        self.rate = length / seconds
+        # A frame that follows another one on the line waits for it.
+        self.rate = length / max(now - max(began, self._answered), 1e-4)
+        self._answered = now
         self._shortest = min(seconds, self._shortest + FORGET)
         if level != self.level:
             return  # it was sent before the level changed

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import math
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -16,15 +17,24 @@ from solari_vk.studio.viewer.camera_control import CameraControl
 PICTURE_JS = Path(__file__).with_name("picture.js")
 
 
+def number(value: Any) -> float:
+    """A number that a page sent. Raises ValueError or TypeError for others, NaN and infinities among them: bounds
+    don't refuse NaN, with which all comparisons are false."""
+    found = float(value)
+    if not math.isfinite(found):
+        raise ValueError(f"{found} is no number of JSON")
+    return found
+
+
 def move(control: CameraControl, movement: Mapping[str, Any], center: ArrayLike | None = None) -> bool:
     """Move the camera as a page asks; returns whether there was anything to do.
 
     movement: what `take` of picture.js returns. center: the point to orbit around, by default what is seen in the
     middle. Raises ValueError, TypeError or SolariError for what are no numbers.
     """
-    # What a page sends isn't trusted: `float` refuses what is no number, and the control limits the others.
+    # What a page sends isn't trusted: `number` refuses what is none, and the control limits the others.
     names = ("right", "down", "pan_right", "pan_down", "notches")
-    right, down, pan_right, pan_down, notches = (float(movement.get(name, 0)) for name in names)
+    right, down, pan_right, pan_down, notches = (number(movement.get(name, 0)) for name in names)
     home = bool(movement.get("home"))
     if home:
         control.reset()

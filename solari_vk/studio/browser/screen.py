@@ -21,7 +21,7 @@ from solari_vk.passes.debug_views import DEBUG_VIEWS, check_view, views_of
 from solari_vk.renderers.dispatch_size import MAX_SAMPLES
 from solari_vk.scene.model import Camera, Scene
 from solari_vk.settings import DEFAULTS, FIELDS, QUALITIES, Settings
-from solari_vk.studio.browser.picture import move
+from solari_vk.studio.browser.picture import move, number
 from solari_vk.studio.viewer.camera_control import CameraControl, extent_of
 from solari_vk.studio.viewer.compile_preview import CompilePreview
 from solari_vk.studio.viewer.picking import pick_at, seen_distance
@@ -204,7 +204,7 @@ class Screen:
         }
 
     def _pick(self, place: Any) -> Any:
-        x, y = (float(share) for share in place)
+        x, y = (number(share) for share in place)
         return pick_at(self.pictures, x, y)
 
     def _set(self, name: str, value: Any) -> None:
@@ -219,9 +219,9 @@ class Screen:
             case "tonemap":
                 pictures.tonemap = _one_of("tone mapping", value, TONEMAPS)
             case "divider":
-                pictures.divider = min(max(float(value), 0.0), 1.0)
+                pictures.divider = min(max(number(value), 0.0), 1.0)
             case "ev100":
-                self.control.camera.ev100 = min(max(float(value), -EXPOSURES), EXPOSURES)
+                self.control.camera.ev100 = min(max(number(value), -EXPOSURES), EXPOSURES)
             case "quality":
                 for field, preset in QUALITIES[_one_of("quality", value, QUALITIES)].items():
                     setattr(settings, field, preset)
@@ -260,7 +260,7 @@ class Screen:
         for name, value in {**options.pop("settings"), **options}.items():
             self._set(name, value)
         self.control.look_through(Camera.from_pose(state["pose"]))
-        self.control.distance = float(state["distance"])
+        self.control.distance = number(state["distance"])
         self._knows_distance = True
 
     def _change(self) -> None:

@@ -6,20 +6,23 @@ import asyncio
 import errno
 import hmac
 import json
+import logging
 import math
 import signal
 import socket
 from collections.abc import Awaitable, Callable
 from contextlib import suppress
+from functools import partial
 from ipaddress import ip_address
 from pathlib import Path
 from typing import Any
 from urllib.parse import urlsplit
 
 from aiohttp import WSMsgType, web
+from aiohttp.http_exceptions import HttpProcessingError
 
 from solari_vk.base.errors import SolariError
-from solari_vk.studio.browser.hub import Hub, View
+from solari_vk.studio.browser.hub import MAX_PAGES, Hub, View
 from solari_vk.studio.browser.picture import encoded
 from solari_vk.studio.browser.stream import Page
 
@@ -27,16 +30,27 @@ HERE = Path(__file__).parent
 FILES = {"/": "page.html", "/page.css": "page.css", "/page.js": "page.js", "/picture.js": "picture.js"}
 LARGEST_PORT = 65535
 LARGEST_MESSAGE = 1 << 16  # bytes that a page may send at once
+MOST_SOCKETS = 2 * MAX_PAGES  # some pages haven't said their session yet
 HEARTBEAT = 15.0  # seconds between two questions whether a page is still there
 # The page runs its own scripts alone, can't be framed by other sites, and doesn't tell them its address.
 SAFE = {
     "Content-Security-Policy": "default-src 'self'; img-src 'self' data:; frame-ancestors 'none'; base-uri 'none'",
     "X-Content-Type-Options": "nosniff",
     "Referrer-Policy": "no-referrer",
+    "Cross-Origin-Resource-Policy": "same-origin",
     "Cache-Control": "no-cache",
 }
 ORDERS = {"move", "grab", "pick", "set"}
 """The keys of messages that `Screen.do` does."""
+_LOG = logging.getLogger("solari_vk.serve")
+
+
+def _is_worth_a_line(record: logging.LogRecord) -> bool:
+    # What isn't HTTP gets status 400, and no traceback in this program's terminal: anybody may send it.
+    return not (record.exc_info and isinstance(record.exc_info[1], HttpProcessingError))
+
+
+_LOG.addFilter(_is_worth_a_line)
 Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
 
 
@@ -78,11 +92,12 @@ class Server:
         self.port: int = sock.getsockname()[1]
         self._cookie = f"solari_vk_{self.port}"  # browsers share cookies between ports
         app = web.Application(middlewares=[self._middleware])
+        app.on_response_prepare.append(_add_headers)
         for path, name in FILES.items():
             app.router.add_get(path, self._sender(HERE / name))
         app.router.add_get("/live", self._live)
         app.router.add_get("/picture.png", self._picture)
-        self._runner = web.AppRunner(app, access_log=None, shutdown_timeout=1.0)
+        self._runner = web.AppRunner(app, access_log=None, logger=_LOG, shutdown_timeout=1.0)
 
     async def open(self) -> None:
         """Begin to serve."""
@@ -111,7 +126,9 @@ class Server:
             foreign = origin is not None and urlsplit(origin).netloc.lower() != request.host.lower()
         except ValueError:
             raise web.HTTPForbidden(text="the request has a wrong Host or Origin") from None
-        if foreign:
+        # An image that another site's page shows has no Origin, but browsers name its site.
+        is_from_here = request.headers.get("Sec-Fetch-Site", "none") in ("none", "same-origin") or request.path == "/"
+        if foreign or not is_from_here:
             raise web.HTTPForbidden(text="pages of other sites may not look in here")
         if self._token is None:
             if not is_loopback(host):  # a name of another site that leads to this machine
@@ -138,7 +155,7 @@ class Server:
         kind = {".html": "text/html", ".css": "text/css", ".js": "text/javascript"}[path.suffix]
 
         async def send(_: web.Request) -> web.Response:
-            return web.Response(text=path.read_text(encoding="utf-8"), content_type=kind, headers=SAFE)
+            return web.Response(text=path.read_text(encoding="utf-8"), content_type=kind)
 
         return send
 
@@ -156,15 +173,20 @@ class Server:
         name = Path(str(self.hub.about["name"]).removeprefix("builtin:")).stem or "picture"
         safe = "".join(letter if letter.isalnum() and letter.isascii() else "_" for letter in name)
         disposition = {"Content-Disposition": f'attachment; filename="{safe}.png"'}
-        return web.Response(body=content, content_type="image/png", headers={**SAFE, **disposition})
+        return web.Response(body=content, content_type="image/png", headers=disposition)
 
     async def _live(self, request: web.Request) -> web.WebSocketResponse:
         """A page's socket: it says {"session", "state", "width"}, then sends messages and gets frames."""
         # JPEG and PNG are compressed already. The heartbeat finds pages whose machine was switched off.
+        if len(self._sockets) >= MOST_SOCKETS:
+            raise web.HTTPServiceUnavailable(text="too many connections are open")
         line = web.WebSocketResponse(heartbeat=HEARTBEAT, max_msg_size=LARGEST_MESSAGE, compress=False)
-        await line.prepare(request)
+        try:
+            await line.prepare(request)
+        except ValueError:  # headers that aren't text, for which aiohttp has no error of its own
+            raise web.HTTPBadRequest(text="the WebSocket's handshake is wrong") from None
         self._sockets.add(line)
-        page = Page(line.send_str, line.send_bytes)
+        page = Page(line.send_str, line.send_bytes, partial(_abort, request))
         view: View | None = None
         sends: asyncio.Task[None] | None = None
         try:
@@ -196,6 +218,16 @@ class Server:
         except SolariError as error:
             await page.tell({"error": str(error), "final": True})
             return None
+
+
+def _abort(request: web.Request) -> None:
+    # Closing would wait until the page has read all.
+    if request.transport is not None:
+        request.transport.abort()
+
+
+async def _add_headers(_: web.Request, answer: web.StreamResponse) -> None:
+    answer.headers.update(SAFE)
 
 
 async def _handle(page: Page, view: View, message: dict[str, Any]) -> None:

@@ -17,7 +17,21 @@ from numpy.typing import NDArray
 from solari_vk.studio.browser.pace import LEVELS, LOSSLESS_RATE, Pace
 from solari_vk.studio.browser.picture import encoded
 
+MOST_WAITING = 64  # messages
+SLOWEST = 20.0  # seconds for one
 Message = Mapping[str, Any]
+
+
+def as_json(message: Message) -> str:
+    """A message as JSON, which has neither NaN nor infinities: pages get null instead."""
+    try:
+        return json.dumps(message, allow_nan=False)
+    except ValueError:
+        return json.dumps(json.loads(json.dumps(message), parse_constant=_nothing), allow_nan=False)
+
+
+def _nothing(*_: object) -> None:
+    """Nothing."""
 
 
 @dataclass(eq=False)
@@ -44,12 +58,21 @@ class Frame:
 class Page:
     """A browser's page: what it is sent, and how fast it takes it.
 
-    send_text, send_bytes: those of its socket.
+    send_text, send_bytes: those of its socket. drop: ends the connection of a page that doesn't read.
     """
 
-    def __init__(self, send_text: Callable[[str], Awaitable[None]], send_bytes: Callable[[bytes], Awaitable[None]]):
+    def __init__(
+        self,
+        send_text: Callable[[str], Awaitable[None]],
+        send_bytes: Callable[[bytes], Awaitable[None]],
+        drop: Callable[[], None],
+    ):
         self._send_text = send_text
         self._send_bytes = send_bytes
+        self._drop = drop
+        self._waiting = 0  # messages that the socket hasn't taken yet
+        self.wake: Callable[[], None] = _nothing
+        """Is called when the page could show a further frame."""
         self.pace = Pace()
         self.width = 1 << 16
         """Pixels of the page, which needs no larger pictures."""
@@ -76,7 +99,19 @@ class Page:
     async def tell(self, message: Message) -> None:
         """Send a message. A page that is gone hears nothing."""
         with suppress(ConnectionError, RuntimeError):
-            await self._send_text(json.dumps(message))
+            await self._deliver(self._send_text(as_json(message)))
+
+    async def _deliver(self, sending: Awaitable[None]) -> None:
+        """Send something. A page that has too much to read, or reads nothing for long, is dropped: what waits for it
+        takes memory."""
+        self._waiting += 1
+        try:
+            async with asyncio.timeout(SLOWEST if self._waiting < MOST_WAITING else 0):
+                await sending
+        except TimeoutError:
+            self._drop()
+        finally:
+            self._waiting -= 1
 
     async def send_frames(self) -> None:
         """Send frames as fast as the page takes them, until it is gone."""
@@ -97,11 +132,12 @@ class Page:
             sent_width = width
         # Before the first wait: an offer meanwhile must not send this frame twice.
         self._sent = frame.number
+        self.wake()
         content = await frame.encode(kind, quality, (sent_width, max(round(height * sent_width / width), 1)))
         about = {**frame.about, "frame": frame.number, "type": f"image/{kind}", "input": frame.inputs.get(self, 0)}
         # One message: the header's length in 4 bytes, the header, and the picture's bytes as they are. Base64 in JSON
         # would be a third longer.
-        header = json.dumps(about).encode()
+        header = as_json(about).encode()
         data = struct.pack("<I", len(header)) + header + content
         self.pace.sent(frame.number, len(data), time.monotonic())
-        await self._send_bytes(data)
+        await self._deliver(self._send_bytes(data))

@@ -22,7 +22,7 @@ from solari_vk.studio.viewer.actions import act
 from solari_vk.studio.viewer.camera_control import CameraControl, extent_of
 from solari_vk.studio.viewer.comparison import SecondScene
 from solari_vk.studio.viewer.compile_preview import CompilePreview
-from solari_vk.studio.viewer.controls import Controls
+from solari_vk.studio.viewer.controls import Controls, in_parts
 from solari_vk.studio.viewer.layout import Layout
 from solari_vk.studio.viewer.opening import add_recent
 from solari_vk.studio.viewer.picking import seen_distance
@@ -34,12 +34,13 @@ from solari_vk.studio.viewer.scaling import CPU_FPS, ScaleControl
 from solari_vk.studio.viewer.session import Session
 from solari_vk.studio.viewer.status import state_in_words
 from solari_vk.studio.viewer.swapchain import Swapchain
-from solari_vk.studio.viewer.window import Window
+from solari_vk.studio.viewer.window import Event, Window
 
 GPU_FPS = 60.0  # frames per second that the scale "auto" aims at on a GPU by default
 MAX_STEP = 0.25  # seconds that camera and animation move in one frame at most, even if the frame took longer
 SEEING = 0.1  # seconds between two looks at the distance of what is seen, each of which waits for the picture
 HIDDEN_WAIT = 0.1  # seconds that a frame of a minimized window waits for events
+PANELS_WAIT = 0.1  # seconds between two looks at the cursor while a frame is rendered
 IDLE_WAIT = 0.05  # seconds that a frame waits for events once the picture is finished
 
 
@@ -116,7 +117,7 @@ class Viewer(Session):
                 self.beside = SecondScene(device, beside, pictures, beside_name or beside.name or "second")
                 undo.callback(self.beside.close)
             self.controls = Controls(self.camera_control, self.act, lambda: self.layout.picture)
-            self._renderer = ProgressiveRenderer(self)
+            self._renderer = ProgressiveRenderer(self, self._show_panels)
             undo.callback(self._renderer.close)
             self.overlay = self._open_overlay() if overlay else None
             if self.overlay is not None:
@@ -127,6 +128,7 @@ class Viewer(Session):
         self.frame_count = 0
         self._wants_screenshot = False
         self._last_frame_at = time.perf_counter()
+        self._panels_at = self._last_frame_at  # when they were shown last while a frame was rendered
         self._seen_at = -math.inf  # when the distance of what is seen was read last
         self._timed_mode = mode
 
@@ -194,10 +196,10 @@ class Viewer(Session):
         elif self.refinement.finished:
             wait = IDLE_WAIT
         events = self.window.poll_events(wait)
-        keys = mouse = True
-        if self.overlay is not None:
-            keys, mouse = self.overlay.handle_events(events)
-        self.controls.handle(events, takes_keys=keys, takes_mouse=mouse)
+        if self.overlay is None:
+            self.controls.handle(events)
+        else:
+            self._share_events(self.overlay, events)
         self.cursor = self.controls.cursor
         now = time.perf_counter()
         seconds = now - self._last_frame_at
@@ -206,6 +208,27 @@ class Viewer(Session):
         with self.showing_mistakes():
             self.player.advance(min(seconds, MAX_STEP))
         return seconds
+
+    def _share_events(self, overlay: Any, events: list[Event]) -> None:
+        """Pass events to the panels, and what these leave to the controls."""
+        for number, part in enumerate(in_parts(events)):
+            if number:
+                # Once for what the cursor is over, and once for what ImGui says only of its last frame.
+                overlay.lay_out(0.0)
+                overlay.lay_out(0.0)
+            keys, mouse = overlay.handle_events(part)
+            self.controls.handle(part, takes_keys=keys, takes_mouse=mouse)
+
+    def _show_panels(self) -> None:
+        """Between two passes of a slow frame: the panels follow the cursor, over the latest picture."""
+        now = time.perf_counter()
+        if self.overlay is None or now - self._panels_at < PANELS_WAIT:
+            return
+        self._panels_at = now
+        # Of the events that wait these are movements alone, which the next frame handles again.
+        self.overlay.handle_events(self.window.events)
+        self.overlay.lay_out(PANELS_WAIT)
+        self._presenter.show(self._renderer.parts(), self._draw)
 
     def _render_or_wait(self, pixels: tuple[int, int]) -> None:
         """Render the pictures; while the first one is compiled, the window shows what takes so long."""

@@ -107,6 +107,22 @@ KEYS_HELP = (
 )
 
 
+def in_parts(events: Iterable[Event]) -> list[list[Event]]:
+    """The events of a frame in parts, after each of which the panels are to be laid out: who gets a press of a button
+    depends on what the cursor is over by then, and who gets a key on what was pressed before."""
+    parts: list[list[Event]] = [[]]
+    kinds = set[str]()
+    for event in events:
+        follows_cursor = "cursor" in kinds and (event.kind == "scroll" or (event.kind == "button" and event.pressed))
+        follows_button = "button" in kinds and event.kind in ("key", "text")
+        if follows_cursor or follows_button:
+            parts.append([])
+            kinds.clear()
+        parts[-1].append(event)
+        kinds.add(event.kind)
+    return parts
+
+
 class Controls:
     """Turns events into movements of `camera` and into calls of `act(name, argument)`.
 
@@ -177,6 +193,9 @@ class Controls:
             return
         # Shift only means something else where a key is listed with it.
         action = ACTIONS.get((event.code, modifiers)) or ACTIONS.get((event.code, modifiers & ~SHIFT))
+        if action == "close" and self._button is not None:
+            self._button = None  # Escape ends the drag, and no more
+            return
         if action is not None and (not event.repeats or action in REPEATING):
             self.act(action, None)
 

@@ -95,7 +95,9 @@ class Overlay:
                     self._handle_key(io, event)
         # These flags are those of the latest frame that was laid out. ImGuizmo isn't a window, so ImGui doesn't know
         # that it wants the mouse.
-        return not io.want_text_input, not (io.want_capture_mouse or self._gizmo.busy)
+        # While something is dragged, Escape isn't meant for the window.
+        drags = imgui.is_any_item_active() or self._gizmo.drags
+        return not (io.want_text_input or drags), not (io.want_capture_mouse or self._gizmo.busy)
 
     def _handle_key(self, io: Any, event: Event) -> None:
         for bit, key in _MODIFIERS.items():

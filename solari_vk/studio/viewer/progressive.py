@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Hashable
+from collections.abc import Callable, Hashable
 from typing import Any
 
 import numpy as np
@@ -18,6 +18,8 @@ from solari_vk.studio.viewer.pictures import Pictures
 from solari_vk.studio.viewer.presenter import Part, pixels_of
 from solari_vk.studio.viewer.refinement import FRAMES
 from solari_vk.studio.viewer.session import Session
+
+SLOW = 0.25  # seconds of a frame, from which the panels are shown meanwhile
 
 
 class PreviousPicture:
@@ -53,10 +55,13 @@ class PreviousPicture:
 
 
 class ProgressiveRenderer:
-    """Renders the pictures of a session. `close` frees what it made."""
+    """Renders the pictures of a session. show_panels: is called between the passes of slow frames. `close` frees what
+    it made."""
 
-    def __init__(self, session: Session) -> None:
+    def __init__(self, session: Session, show_panels: Callable[[], object]) -> None:
         self._session = session
+        self._show_panels = show_panels
+        self._is_slow = False  # whether the latest small frame was
         self._previous = PreviousPicture(session.device)
         self._interrupted = False  # the latest frame, by an input
         self._torn = False  # the pictures' images, from an interrupted frame until the next whole one
@@ -99,6 +104,8 @@ class ProgressiveRenderer:
         # The measured time decides how large the next step is, so it must include the device's work.
         if refinement.rests:
             self._session.device.wait_idle()
+        else:
+            self._is_slow = time.perf_counter() - began > SLOW
         refinement.end_frame(time.perf_counter() - began, self._count(), self._session.pictures.mode != "realtime")
         self._shown_by = self._tone
 
@@ -123,7 +130,23 @@ class ProgressiveRenderer:
         # A frame of the full size takes a software device seconds, so an input interrupts it between two passes. A
         # GPU's frames are short, and a wait after each of their passes would cost more than it saves.
         software = self._session.device.properties.kind == "cpu"
-        pictures.interrupted = self._session.window.has_input if software and refinement.rests else None
+        if not software:
+            pictures.interrupted = None
+        elif refinement.rests:
+            pictures.interrupted = self._gives_way
+        else:
+            pictures.interrupted = self._goes_on if self._is_slow else None
+
+    def _gives_way(self) -> bool:
+        has_input = self._session.window.has_input()
+        if not has_input:
+            self._show_panels()
+        return has_input
+
+    def _goes_on(self) -> bool:
+        # An input doesn't end a frame of a moving picture, which another input would end again.
+        self._gives_way()
+        return False
 
     def _submit(self, pixels: tuple[int, int], scale: float) -> None:
         session = self._session

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-import json
 import time
 from collections.abc import Callable, Iterable
 from pathlib import Path
 from urllib.parse import unquote
 
+from solari_vk.base.errors import SolariError
+from solari_vk.base.files import read_json
 from solari_vk.gpu.shaders import shaderc
 from solari_vk.gpu.shaders.compiler import glsl_root
 from solari_vk.scene.model import COLLECTIONS, Scene
@@ -99,8 +100,8 @@ def _named_by(file: Path) -> list[Path]:
     """The files that a .gltf names; an empty list for any other file, and while the file can't be read."""
     # The file may be half written just now: the next look finds it whole.
     try:
-        document = json.loads(file.read_text(encoding="utf-8")) if file.suffix.lower() == ".gltf" else {}
+        document = read_json(file, str(file)) if file.suffix.lower() == ".gltf" else {}
         uris = [item["uri"] for kind in ("buffers", "images") for item in document.get(kind, []) if "uri" in item]
         return [file.parent / unquote(uri) for uri in uris if not uri.startswith("data:")]
-    except (OSError, ValueError, TypeError, AttributeError):
+    except (SolariError, ValueError, TypeError, AttributeError):
         return []

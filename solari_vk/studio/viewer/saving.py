@@ -12,6 +12,7 @@ import numpy as np
 
 from solari_vk.base.errors import SolariError
 from solari_vk.base.files import make_folder, write_whole
+from solari_vk.scene.files.gltf.saving.content import data_path_of
 from solari_vk.scene.model import Scene
 from solari_vk.scene.placement import Placed
 from solari_vk.settings import DEFAULTS
@@ -38,7 +39,7 @@ def files_of(path: Path) -> tuple[Path, ...]:
     if path.suffix.lower() not in (".glb", ".gltf"):
         raise SolariError(f"{path}: give a name that ends in .glb or .gltf")
     # A .gltf file has its vertices and animations in a .bin file, a .glb file has them inside.
-    data = [path.with_suffix(".bin")] if path.suffix.lower() == ".gltf" else []
+    data = [data_path_of(path)] if path.suffix.lower() == ".gltf" else []
     return (path, path.with_suffix(".py"), *data)
 
 

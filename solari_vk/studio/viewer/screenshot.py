@@ -31,7 +31,10 @@ def take_screenshot(session: Session) -> Path:
         raise SolariError("there is no picture yet")
     make_folder(session.folder)
     numbered = (session.folder / f"solari-{number:03}.png" for number in itertools.count(1))
-    target = next(path for path in numbered if not path.exists())
+    # Beside the .png are an .exr and a .txt, which mustn't be another program's either.
+    target = next(
+        path for path in numbered if not any(path.with_suffix(end).exists() for end in (".png", ".exr", ".txt"))
+    )
     command = command_line(session, target)
     area = session.picture_area
     write_codes(target, fitted(pixels_of(session.parts()), (area.width, area.height)))

@@ -186,10 +186,11 @@ class Window:
 
     def has_input(self) -> bool:
         """Whether the user did something since `poll_events` that a picture must not keep waiting: all but moving the
-        mouse."""
+        mouse without a button."""
         # Without its events for some seconds, window managers take a window for hung.
         glfw.poll_events()
-        return any(event.kind != "cursor" for event in self.events)
+        drags = any(glfw.get_mouse_button(self.handle, button) == glfw.PRESS for button in range(3))
+        return any(event.kind != "cursor" or drags for event in self.events)
 
     def poll_events(self, wait: float = 0.0) -> list[Event]:
         """The events since the last call. Waits up to `wait` seconds for the first one."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 
 import numpy as np
 import pytest
@@ -52,6 +53,22 @@ def settle(screen):
 
 def position(screen):
     return screen.control.camera.transform[:3, 3].copy()
+
+
+@pytest.mark.parametrize("value", ["nan", math.nan, math.inf, "-inf", 10**400, None])
+def test_numbers_of_pages_are_finite(shown, value):
+    """Minimum and maximum don't refuse NaN, with which all comparisons are false."""
+    state = shown.state()
+    for message in (
+        *({"set": {name: value}} for name in ("divider", "ev100", "exposure", "spatial_reuse_radius")),
+        *({"move": {name: value}} for name in ("right", "pan_down", "notches")),
+        *({kind: [0.5, value]} for kind in ("pick", "grab")),
+    ):
+        with pytest.raises((SolariError, ValueError, TypeError, OverflowError)):
+            shown.do(message)
+    with pytest.raises((SolariError, ValueError, TypeError, OverflowError)):
+        shown._restore({**state, "distance": value})
+    assert json.dumps(shown.state(), allow_nan=False)
 
 
 def test_a_still_camera_is_refined_and_a_movement_begins_anew(shown):

@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import asyncio
 import io
+import json
 import math
 import socket
 import sys
 import threading
+import time
+from contextlib import suppress
 from unittest.mock import Mock
 
 import pytest
@@ -19,6 +22,7 @@ from solari_vk.cli import main
 from solari_vk.studio.browser.hub import MAX_PAGES, MAX_VIEWS, Hub
 from solari_vk.studio.browser.pace import IN_FLIGHT, LEVELS, Pace
 from solari_vk.studio.browser.server import is_loopback, listen
+from solari_vk.studio.browser.stream import as_json
 
 QUIET = 0.15  # seconds in which a view that still renders would have rendered
 
@@ -100,6 +104,70 @@ def test_a_slow_client_hinders_nobody():
             assert len(stuck.frames) < len(quick.frames), "what is out of date is not sent"
 
     asyncio.run(check())
+
+
+def test_while_one_frame_travels_the_next_is_rendered():
+    async def check():
+        async with serving() as site:
+            client = await site.open("a", acks=False)
+            await client.until(lambda one: len(one.frames) == IN_FLIGHT)
+            await asyncio.sleep(QUIET)
+            assert len(client.frames) == IN_FLIGHT == 2
+
+    asyncio.run(check())
+
+
+@pytest.mark.parametrize("shared", [False, True])
+def test_a_page_that_sends_and_never_reads_is_dropped_and_hinders_nobody(shared):
+    """Its answers wait in this process until they are too many; what it asks waits until others had their turn."""
+
+    async def check():
+        async with serving(shared=shared) as site:
+            flood, quick = await site.open("a"), await site.open("b")
+            await quick.settle()
+            flood.task.cancel()
+            flood.line._conn.transport.pause_reading()
+            with suppress(ConnectionError):
+                for _ in range(2000):
+                    await flood.say(pick=["x" * 30_000])
+            before = time.monotonic()
+            await quick.say(move={"right": 1}, input=1)
+            await quick.until(lambda one: one.frames[-1]["input"] == 1)
+            assert time.monotonic() - before < 2
+            while sum(len(view.pages) for view in site.hub.views.values()) > 1:
+                await asyncio.sleep(0.01)
+
+    asyncio.run(asyncio.wait_for(check(), 20))  # sooner than the heartbeat notices
+
+
+def test_nan_is_no_json():
+    """Browsers' JSON.parse throws at NaN, so that one would blind the page."""
+    assert json.loads(as_json({"a": [math.nan, -math.inf, 1.5]}), parse_constant=pytest.fail) == {
+        "a": [None, None, 1.5]
+    }
+
+
+def test_malformed_requests_end_without_a_traceback(caplog):
+    good = b"GET /live HTTP/1.1\r\nHost: localhost\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n"
+    good += b"Sec-WebSocket-Version: 13\r\nSec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\n\r\n"
+    wrong = [
+        b"\x16\x03\x01",
+        b"x\r\n\r\n",
+        good.replace(b"dGhl", b"\xff"),
+        good.replace(b"13", b"\xff"),
+        good + b"\xff" * 99,
+    ]
+
+    async def check():
+        async with serving() as site:
+            for text in wrong:
+                reader, writer = await asyncio.open_connection("127.0.0.1", site.server.port)
+                writer.write(text + b"\r\n\r\n")
+                assert (await reader.read(99)).startswith((b"HTTP/1.1 101", b"HTTP/1.1 400", b"HTTP/1.0 400"))
+                writer.close()
+
+    asyncio.run(check())
+    assert not caplog.records
 
 
 def test_frames_shrink_on_slow_lines_and_grow_on_quick_ones():
@@ -345,6 +413,11 @@ def test_pages_of_other_sites_are_refused():
                 assert (await site.get("/", headers={name: value}))[0] == 403, value
                 with pytest.raises(aiohttp.WSServerHandshakeError):
                     await site.http.ws_connect(f"{site.base}/live", headers={name: value})
+            for path in ("/picture.png", "/page.js"):  # as an image or a script of another site's page
+                assert (await site.get(path, headers={"Sec-Fetch-Site": "cross-site"}))[0] == 403
+                async with site.http.get(site.base + path) as answer:
+                    assert answer.headers["Cross-Origin-Resource-Policy"] == "same-origin"
+            assert (await site.get("/", headers={"Sec-Fetch-Site": "cross-site"}))[0] == 200  # a link to here
             for host in ("localhost:1", "[::1]:80", "127.0.0.1"):  # as through a tunnel
                 assert (await site.get("/", headers={"Host": host, "Origin": "http:" + f"//{host}"}))[0] == 200
 

@@ -54,6 +54,17 @@ def handle(control, called):
     return lambda *events, **options: controls.handle(events, **options)
 
 
+def test_escape_ends_a_drag_and_closes_nothing(handle, called, control):
+    events = drag(LEFT, (20, 0), (20, 0))
+    handle(*events[:3], press(glfw.KEY_ESCAPE), release(glfw.KEY_ESCAPE))
+    before = position(control)
+    handle(*events[3:])
+    assert [name for name, _ in called] == ["grab"], "neither close nor a click"
+    assert (position(control) == before).all()
+    handle(press(glfw.KEY_ESCAPE))
+    assert called[-1] == ("close", None)
+
+
 def position(control):
     return control.camera.transform[:3, 3].copy()
 

@@ -8,6 +8,7 @@ import glfw
 import numpy as np
 import pytest
 from support.scenes import field_names
+from viewer_tools import drag
 
 import solari_vk as sv
 from solari_vk.passes.debug_views import views_of
@@ -29,6 +30,29 @@ def mouse(viewer, x, y, *presses):
     for pressed in presses:
         viewer.window.events.append(Event("button", 0, pressed))
         viewer.step()
+
+
+def test_events_of_one_frame_reach_what_is_there_by_then(open_viewer):
+    """A slow frame has all events of a click; where the cursor was in the frame before doesn't count."""
+    viewer = open_viewer(size=(400, 340), scale=0.2)
+    viewer.run(frames=2)
+    in_panel, over_picture = (390, 100), (200, 170)
+    clicks = []
+    viewer.controls.act = lambda name, argument: clicks.append(name)
+    for start, end, expected in ((in_panel, over_picture, ["pick"]), (over_picture, in_panel, [])):
+        mouse(viewer, *start)
+        viewer.window.events += drag(0, start=end)
+        viewer.step()
+        assert clicks == expected
+        clicks.clear()
+    viewer.step()
+    assert not panels.imgui.get_io().mouse_down[0]
+    viewer.act("help")
+    mouse(viewer, *over_picture)
+    mouse(viewer, 2, 2)
+    viewer.window.events += drag(0, start=over_picture)
+    viewer.step()
+    assert clicks == [], "the help is there"
 
 
 # ---- drawing ----------------------------------------------------------------------------------------

@@ -18,11 +18,12 @@ import solari_vk as sv
 from solari_vk.cli import main
 from solari_vk.gpu.device import raw
 from solari_vk.gpu.frame.in_parts import Interrupted
-from solari_vk.studio.viewer import refinement
+from solari_vk.studio.viewer import progressive, refinement
 from solari_vk.studio.viewer.comparison import SecondScene
 from solari_vk.studio.viewer.picking import radiance_at
 from solari_vk.studio.viewer.presenter import Part, pixels_of
 from solari_vk.studio.viewer.progressive import ProgressiveRenderer
+from solari_vk.studio.viewer.window import Event
 
 SIZE = (96, 64)
 
@@ -139,7 +140,9 @@ def slow(session, device):
     session.window.events = []
     session.window.has_input = lambda: bool(session.window.events)
     session.scale.auto = True
-    rendering = ProgressiveRenderer(session)
+    shown = []
+    rendering = ProgressiveRenderer(session, lambda: shown.append(session.window.events[:]))
+    rendering.shown = shown
 
     def render(frames):
         for _ in range(frames):
@@ -184,6 +187,18 @@ def test_a_finished_picture_is_exposed_whatever_the_input(slow):
     session.window.events = [press(1)]
     session.camera.ev100 += 1
     assert render(1) == 200
+
+
+@pytest.mark.parametrize("auto", [True, False])
+def test_panels_follow_the_cursor_during_a_slow_frame(slow, monkeypatch, auto):
+    """Whatever the frame is of: at rest, or, where the size is fixed, while the camera moves."""
+    session, rendering, render, _ = slow
+    session.scale.auto = auto
+    session.window.has_input = lambda: False
+    monkeypatch.setattr(progressive, "SLOW", 0.0)
+    session.window.events = [Event("cursor", x=9.0)]
+    render(refinement.REST + 3)
+    assert rendering.shown[-1] == session.window.events, "they stay for the controls"
 
 
 def test_input_ends_a_frame_of_either_scene(slow):
