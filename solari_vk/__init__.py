@@ -15,9 +15,13 @@ Names are imported on first use, so that importing the package is fast and needs
 from __future__ import annotations
 
 import sys
-from importlib import import_module
-from types import CodeType
-from typing import TYPE_CHECKING, Any
+
+# Type checkers take this for true. Modules such as typing take long to import: Ctrl-C meanwhile would end the command
+# line with a traceback, before it can say so.
+TYPE_CHECKING = False
+if TYPE_CHECKING:
+    from types import CodeType
+    from typing import Any
 
 __version__ = "0.2.0"
 
@@ -142,6 +146,8 @@ def __getattr__(name: str) -> Any:
         from solari_vk.base.errors import unknown_attribute
 
         raise unknown_attribute("solari_vk has no", name, lambda: sorted(__all__))
+    from importlib import import_module
+
     module = import_module(_MODULES[name])
     if not hasattr(module, name):
         # The name is that of a module, such as `rt`, which is no attribute of its package before it is imported.

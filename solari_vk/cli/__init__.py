@@ -7,8 +7,11 @@ devices that isn't finished, 2 bad input or usage, 3 no device, 130 Ctrl-C befor
 from __future__ import annotations
 
 import sys
-from collections.abc import Sequence
-from typing import Any
+
+TYPE_CHECKING = False  # see the package
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from typing import Any
 
 
 def main(words: Sequence[str] | None = None) -> int:

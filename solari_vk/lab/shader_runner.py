@@ -99,7 +99,7 @@ class ShaderRunner:
         key = tuple((type(s), s.name, *(repr(getattr(s, name, "")) for name in variant)) for s in stages[0].passes)
         if key not in self._frames:
             self._frames[key] = self._open.enter_context(
-                Frame(self.device, stages, external=bound, glsl_root=self._root)
+                Frame(self.device, stages, external=bound, glsl_root=self._root, robust=False)
             )
         else:
             self._frames[key].rebuild(stages, bound)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pickle
 import re
 from pathlib import Path
 from types import SimpleNamespace
@@ -502,3 +503,11 @@ def test_closed_devices_are_refused_before_their_memory_is_written():
     for use in (lambda: rays.trace((0, 0, 0), (0, 0, 1)), lambda: tracer.render(samples=1)):
         with pytest.raises(DeviceError, match="was closed: make a new Device"):
             use()
+
+
+def test_devices_can_not_be_pickled(device):
+    buffer = device.buffer(4, "x")
+    for thing in (device, buffer):
+        with pytest.raises(SolariError, match="is of this process alone: open a Device in the other one"):
+            pickle.dumps(thing)
+    buffer.destroy()

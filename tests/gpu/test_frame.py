@@ -11,6 +11,7 @@ from support.frames import leaves_nothing
 from solari_vk.base.errors import SolariError, ValidationError
 from solari_vk.gpu.device import raw
 from solari_vk.gpu.device.commands import Recorded
+from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.frame import slot
 from solari_vk.gpu.frame.frame import Aliased, Frame, History, IfUsed, Pass, Stage, Step
 from solari_vk.gpu.frame.in_parts import Interrupted
@@ -458,7 +459,11 @@ def with_a(item: Pass) -> Stage:
         (Stage("s", buffers={"picture": 4}, passes=[Pass("accumulate", threads=1)]), "picture is a storage_image"),
         (Stage("s", images={"picture": History((0, 4))}, passes=[Pass("accumulate", threads=1)]), "size of picture is"),
         (Stage("s", buffers={"arguments": 2}, passes=[Pass("arguments", threads=1)]), "has no runtime array"),
-        (with_a(Pass("fill_a", threads=0)), "pass fill_a: threads are one to three"),
+        *(
+            (with_a(Pass("fill_a", threads=threads)), "pass fill_a: threads are one to three")
+            for threads in (0, 1.5, (64, 1.0), "64", (), (1, 1, 1, 1))
+        ),
+        (Stage("s", images={"picture": (16.0, 16)}, passes=[Pass("accumulate", threads=1)]), "size of picture is"),
         (with_a(Pass("fill_a", threads=(1 << 40, 1))), "workgroups, but this device runs"),
         (with_a(Pass("fill_a", threads=1, constants={"X": 1})), "constant X; those it uses"),
         (with_a(Pass("fill_a", indirect="z")), "fill_a: there is no resource z; there are a"),
@@ -477,7 +482,39 @@ def test_unknown_names_and_passes_without_a_size(device, root):
     for given in ({}, {"threads": 1, "indirect": "a"}):
         with pytest.raises(SolariError, match="give either threads or indirect"):
             Pass("x", **given)
+    for offset in (1.5, -4, 2):
+        with pytest.raises(SolariError, match="indirect_offset is a whole number of bytes"):
+            Pass("x", indirect="a", indirect_offset=offset)
     with Frame(device, [chain()], glsl_root=root) as frame:
         with pytest.raises(SolariError, match="no resource q; there are a, b, c"):
             frame["q"]
         assert frame.timings == {}
+
+
+BESIDE = """layout(set = 1, binding = 1, scalar) buffer BBlock { uint at[]; } b;
+layout(set = 1, binding = 2, scalar) buffer SmallBlock { uint first, second; uint at[]; } small;
+layout(local_size_x = 64) in;
+void main() { uint i = gl_GlobalInvocationID.x; b.at[i] = i; small.at[i * 64] = 7u; small.at[~i] = 7u; }
+"""
+
+
+@pytest.mark.parametrize("robust", [None, True])
+def test_a_shader_that_writes_behind_a_small_buffer_harms_nothing(shaders, robust):
+    """Also where the device's shaders get buffers by their addresses, which have no end."""
+    shaders.write("beside", BESIDE)
+    buffers = {"b": 4096, "small": 2}
+    with Device(validation=False) as device:
+        stage = Stage("x", buffers=buffers, passes=[Pass("beside", threads=4096)])
+        with Frame(device, [stage], glsl_root=shaders.root, robust=robust) as frame:
+            frame.submit()
+            assert (frame["b"].view(np.uint32) == np.arange(4096)).all()
+            assert [step.pipeline.addresses for step in frame._program.steps] == [()]
+
+
+def test_a_buffer_is_no_smaller_than_the_shader_s_block(device, shaders):
+    shaders.write("beside", BESIDE)
+    stage = Stage("x", buffers={"b": 4096}, passes=[Pass("beside", threads=1)])
+    small = device.buffer(4, "small")
+    with pytest.raises(SolariError, match="small has 4 bytes, but the shaders' block takes 8"):
+        Frame(device, [stage], external={"small": small}, glsl_root=shaders.root)
+    small.destroy()

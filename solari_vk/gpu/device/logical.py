@@ -7,6 +7,7 @@ import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import lru_cache
+from typing import NoReturn
 from weakref import WeakSet
 
 from solari_vk.base.errors import DeviceError, SolariError, ValidationError, quoted, warn
@@ -120,6 +121,9 @@ class LogicalDevice:
         self.vk.vkDestroyDevice(self.handle, raw.NULL)
         self._instance.close()
         self.vk = self.instance_vk = raw.Functions(self._refuse)
+
+    def __reduce__(self) -> NoReturn:
+        raise SolariError(f"{self!r} is of this process alone: open a Device in the other one, by the same name")
 
     def leave_to_parent(self) -> None:
         """Refuse all use in a forked process, where the driver's threads, and so the device's work, don't go on."""

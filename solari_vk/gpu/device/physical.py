@@ -19,6 +19,7 @@ OPTIONAL_EXTENSIONS = (
     "VK_EXT_memory_budget",
     "VK_KHR_external_memory_fd",
     "VK_KHR_external_semaphore_fd",
+    "VK_EXT_pipeline_robustness",
 )
 
 # The feature structures in the order of their pNext chain. Keys that are extension names need that extension.
@@ -31,6 +32,7 @@ _STRUCTURES = {
     "VK_KHR_ray_query": "VkPhysicalDeviceRayQueryFeaturesKHR",
     "VK_KHR_ray_tracing_pipeline": "VkPhysicalDeviceRayTracingPipelineFeaturesKHR",
     "VK_KHR_ray_tracing_position_fetch": "VkPhysicalDeviceRayTracingPositionFetchFeaturesKHR",
+    "VK_EXT_pipeline_robustness": "VkPhysicalDevicePipelineRobustnessFeaturesEXT",
 }
 REQUIRED_FEATURES: dict[str, tuple[str, ...]] = {
     "12": (
@@ -68,6 +70,7 @@ OPTIONAL_FEATURES: dict[str, tuple[str, ...]] = {
     "VK_KHR_acceleration_structure": ("descriptorBindingAccelerationStructureUpdateAfterBind",),
     "VK_KHR_ray_tracing_pipeline": ("rayTraversalPrimitiveCulling",),
     "VK_KHR_ray_tracing_position_fetch": ("rayTracingPositionFetch",),
+    "VK_EXT_pipeline_robustness": ("pipelineRobustness",),
 }  # fmt: skip
 
 

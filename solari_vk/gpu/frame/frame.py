@@ -62,6 +62,8 @@ class Frame(InParts):
     if SOLARI_VK_BARRIERS=all. glsl_root: one or several folders that hold passes/, searched before the package's.
     features: the features of the scene, which are true in all shaders that have them as boolean specialization
     constants. Without any, shaders are compiled without their code; None leaves the constants to the passes.
+    robust: writes behind the end of a buffer or an image do nothing, and reads give 0 or something of the same
+    resource, as VK_EXT_pipeline_robustness says; by default in shaders of glsl_root.
     The frame owns the shaders' uniform blocks unless they are external; `uniforms` sets their fields.
     Raises SolariError if a shader's resource is neither declared by a stage nor external.
     """
@@ -76,6 +78,7 @@ class Frame(InParts):
         barrier_every_pass: bool | None = None,
         glsl_root: Roots | None = None,
         features: Collection[str] | None = None,
+        robust: bool | None = None,
     ) -> None:
         self.device = device
         self.uniforms = Uniforms(int(device.properties.limits.minUniformBufferOffsetAlignment))
@@ -85,7 +88,7 @@ class Frame(InParts):
         self.stages: list[Stage] = list(stages)
         self._external: dict[str, Any] = dict(external or {})
         self._resources = Resources(device)
-        self._builder = ProgramBuilder(device, glsl_root)
+        self._builder = ProgramBuilder(device, glsl_root, robust)
         self._program: Program | None = None
         self.features = None if features is None else frozenset(features)
         self._closed = False

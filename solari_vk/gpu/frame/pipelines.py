@@ -45,12 +45,13 @@ _BIND_POINTS = {
 @dataclass(frozen=True)
 class PipelineInfo:
     """What a pass needs: a compute shader; with `Targets` a vertex and a fragment shader; with `RayGroups` the shaders
-    that the groups number; and their constants."""
+    that the groups number; and their constants. robust: as in `Frame`."""
 
     name: str
     modules: Sequence[Module]
     constants: Constants
     kind: Targets | RayGroups | None = None
+    robust: bool = False
 
 
 @dataclass(eq=False)
@@ -91,11 +92,11 @@ class Pipelines:
                 specializations, values = _specializations(item.name, item.modules, item.constants)
                 # The key says all that a driver sees: code, kind, values of constants, and layout.
                 digests = tuple(hashlib.sha256(module.spirv).digest() for module in item.modules)
-                key = (digests, item.kind, tuple(sorted(values.items())), interface.key)
+                key = (digests, item.kind, tuple(sorted(values.items())), interface.key, item.robust)
                 keys.append(key)
                 if not self._acquire(key) and key not in missing:
                     stages = self._stages(shaders, key, item, specializations, interface)
-                    missing[key] = item, self._creation(stages, item.kind, layout)
+                    missing[key] = item, self._creation(stages, item, layout)
             self._create(missing)
         return [(key, self._acquired[key]) for key in keys]
 
@@ -124,7 +125,8 @@ class Pipelines:
                 modules[at] = specialized(module, item.constants)
                 specializations[at] = None
         codes = [module.spirv for module in modules]
-        if item.kind is None:
+        # An address has no size that could be checked.
+        if item.kind is None and not item.robust:
             codes[0], self._addresses[key] = interface.addressed(modules[0])
         linked = map(interface.linked, modules, codes)
         return [
@@ -132,11 +134,10 @@ class Pipelines:
             for module, code, specialization in zip(item.modules, linked, specializations, strict=True)
         ]
 
-    def _creation(
-        self, stages: list[raw.CData], kind: Targets | RayGroups | None, layout: raw.CData
-    ) -> Callable[[], raw.CData]:
+    def _creation(self, stages: list[raw.CData], item: PipelineInfo, layout: raw.CData) -> Callable[[], raw.CData]:
         """A function for another thread that creates a pipeline."""
         device = self._device
+        kind = item.kind
         cache = self._device.pipeline_cache.handle
         before: tuple[raw.CData, ...] = (device.handle,)
         if kind is None:
@@ -152,8 +153,13 @@ class Pipelines:
             create = device.vk.vkCreateRayTracingPipelinesKHR
             before = (device.handle, raw.NULL)  # no deferred operation
         out = raw.ffi.new("VkPipeline*")
+        robustness = _robustness()
+        if item.robust and "pipelineRobustness" in device.features:
+            robustness.pNext = info.pNext
+            info.pNext = raw.ffi.cast("void*", robustness)
 
         def run() -> raw.CData:
+            assert robustness  # which `info` names by its address
             create(*before, cache, 1, info, raw.NULL, out)
             return out[0]
 
@@ -240,6 +246,17 @@ class Pipelines:
     def destroy(self) -> None:
         """Give everything back to the device. Safe to call twice."""
         self.retain(set())
+
+
+def _robustness() -> raw.CData:
+    buffers = raw.VK_PIPELINE_ROBUSTNESS_BUFFER_BEHAVIOR_ROBUST_BUFFER_ACCESS_EXT
+    return raw.struct(
+        "VkPipelineRobustnessCreateInfoEXT",
+        storageBuffers=buffers,
+        uniformBuffers=buffers,
+        vertexInputs=buffers,
+        images=raw.VK_PIPELINE_ROBUSTNESS_IMAGE_BEHAVIOR_ROBUST_IMAGE_ACCESS_EXT,
+    )
 
 
 def _specializations(

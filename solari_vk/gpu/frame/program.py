@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
+import operator
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
-
-import numpy as np
 
 from solari_vk.base.errors import SolariError, quoted
 from solari_vk.gpu.device.device import Device
@@ -22,7 +21,7 @@ from solari_vk.gpu.frame.ray_pipelines import RayGroups, check_launch
 from solari_vk.gpu.frame.resources import DEPTH_FORMAT, image_format
 from solari_vk.gpu.frame.stages import Draw, Pass, Stage, Step
 from solari_vk.gpu.frame.step_shaders import ModuleKey, Modules, StepShaders
-from solari_vk.gpu.shaders.compiler import Roots
+from solari_vk.gpu.shaders.compiler import Roots, has_own
 from solari_vk.gpu.shaders.spirv import Module
 
 GROUP_COUNT_BYTES = 12  # an indirect buffer holds three workgroup counts, then three thread counts of the same size
@@ -64,7 +63,7 @@ class Program:
 
     def check(self, bound: Mapping[str, Any]) -> None:
         """Raise SolariError if a resource of the shaders is missing, naming the passes that use it, if one belongs to
-        another device, or if an indirect buffer is too small."""
+        another device, or if a buffer is too small."""
         for name, resource in bound.items():
             for item in _parts(resource):
                 self.interface.device.check_owns(item, f"{name}: {item!r}")
@@ -72,6 +71,10 @@ class Program:
             if isinstance(step.item, Pass) and step.item.indirect is not None and step.item.indirect in bound:
                 _check_indirect(step, step.item, bound[step.item.indirect])
         for name, binding in self.interface.bindings.items():
+            size = getattr(bound.get(name), "size", None)
+            # Behind the end is somebody else's memory. How far a shader reaches into a runtime array isn't known.
+            if binding.kind.endswith("_buffer") and size is not None and size < binding.size_bytes(0):
+                raise SolariError(f"{name} has {size:,} bytes, but the shaders' block takes {binding.size_bytes(0):,}")
             if name in bound or binding.kind == "uniform_buffer":  # uniform blocks are the frame's own
                 continue
             users = [step.name for step in self.steps if any(name in module.main.uses for module in step.modules)]
@@ -154,12 +157,21 @@ def _named(items: Sequence[Pass | Draw | Step]) -> dict[str, Pass | Draw | Step]
     return named
 
 
+def whole_numbers(given: Iterable[Any]) -> tuple[int, ...]:
+    """Numbers of Python or numpy as ints; none where one isn't whole."""
+    try:
+        return tuple(map(operator.index, given))
+    except TypeError:
+        return ()
+
+
 class ProgramBuilder:
     """Builds programs; each reuses what didn't change since the previous one."""
 
-    def __init__(self, device: Device, glsl_root: Roots | None) -> None:
+    def __init__(self, device: Device, glsl_root: Roots | None, robust: bool | None) -> None:
         self._device = device
         self._root = glsl_root
+        self._robust = robust
         self._pipelines = Pipelines(device)
 
     def build(self, stages: Sequence[Stage], old: Program | None, features: frozenset[str] | None) -> Program:
@@ -210,7 +222,10 @@ class ProgramBuilder:
         modules = [program.modules[key] for key in shaders.keys]
         known = {constant for module in modules for constant in module.constants}
         constants = {**item.constants, **dict.fromkeys(sorted(known & (features or frozenset())), True)}
-        return PipelineInfo(name, modules, constants, kind)
+        robust = self._robust
+        if robust is None:
+            robust = any(has_own(self._root, path) for path, _ in shaders.keys)
+        return PipelineInfo(name, modules, constants, kind, robust)
 
     def _step(self, item: Pass | Draw, info: PipelineInfo, pipeline: Pipeline) -> BuiltStep:
         counts = (0, 0, 0)
@@ -220,7 +235,8 @@ class ProgramBuilder:
 
     def _counts(self, name: str, item: Pass, module: Module) -> tuple[int, int, int]:
         # Threads become workgroups by the shader's own local size, so that a pass never repeats it.
-        threads = (item.threads,) if isinstance(item.threads, int | np.integer) else tuple(item.threads or ())
+        given: Any = item.threads if isinstance(item.threads, Iterable) else (item.threads,)
+        threads = whole_numbers(given)
         if not 1 <= len(threads) <= 3 or min(threads) < 1:
             found = quoted(item.threads)
             raise SolariError(f"pass {name}: threads are one to three whole numbers above 0, not {found}")

@@ -178,7 +178,7 @@ def _binding(stage: Stage, interface: Interface, *names: str) -> Binding:
 
 
 def _image_size(stage: Stage, name: str, size: Any) -> tuple[int, int]:
-    if not (isinstance(size, tuple) and len(size) == 2 and min(size) >= 1):
+    if not (isinstance(size, tuple) and len(size) == 2 and all(isinstance(n, int) and n >= 1 for n in size)):
         raise SolariError(f"stage {stage.name}: the size of {name} is (width, height), not {quoted(size)}")
     return size
 

@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-from solari_vk.base.errors import SolariError
+from solari_vk.base.errors import SolariError, quoted
 
 if TYPE_CHECKING:
     from solari_vk.gpu.device import raw
@@ -64,6 +64,11 @@ class Pass:
     def __post_init__(self) -> None:
         if (self.threads is None) == (self.indirect is None):
             raise SolariError(f"pass {self.name}: give either threads or indirect")
+        if not isinstance(self.indirect_offset, int) or self.indirect_offset < 0 or self.indirect_offset % 4:
+            given = quoted(self.indirect_offset)
+            raise SolariError(
+                f"pass {self.name}: indirect_offset is a whole number of bytes, a multiple of 4, not {given}"
+            )
 
 
 @dataclass(frozen=True)

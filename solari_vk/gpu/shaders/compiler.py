@@ -31,6 +31,7 @@ from typing import Any
 
 from solari_vk.base import disk_cache
 from solari_vk.base.errors import CompilationError, SolariError, quoted
+from solari_vk.base.files import read_regular
 from solari_vk.gpu.shaders import dead_code, headers, ray_generation, shader_cache, shaderc
 from solari_vk.gpu.shaders.shader_cache import Sources
 
@@ -63,6 +64,12 @@ def roots(folders: Roots | None = None) -> list[Path]:
     return list(dict.fromkeys([*map(Path, listed), *overlays, glsl_root()]))
 
 
+def has_own(folders: Roots | None, path: str) -> bool:
+    """Whether a shader is in one of these folders, and so the user's and not the package's."""
+    listed = [folders] if isinstance(folders, (str, os.PathLike)) else list(folders or ())
+    return any(os.path.isfile(Path(folder, path)) for folder in listed)
+
+
 def set_include_paths(paths: Sequence[str | os.PathLike[str]]) -> None:
     """Set the folders in which includes of `compile_into_spirv` and `compile_file_into_spirv` are looked up."""
     _include_paths[:] = [os.fspath(path) for path in paths]
@@ -72,10 +79,7 @@ def compile_file_into_spirv(
     filepath: str | os.PathLike[str], stage: str, optimization: str = "size", warnings_as_errors: bool = False
 ) -> bytes:
     """SPIR-V of a GLSL file; arguments and errors as for `compile_into_spirv`."""
-    try:
-        raw = Path(filepath).read_bytes()
-    except OSError as error:
-        raise SolariError(f"the shader {os.fspath(filepath)} can't be read: {error.strerror}") from error
+    raw = read_regular(Path(filepath), f"the shader {os.fspath(filepath)}")
     return compile_into_spirv(raw, stage, filepath, optimization=optimization, warnings_as_errors=warnings_as_errors)
 
 
@@ -267,7 +271,7 @@ def _module(sources: Sources, path: str, header: str, features: bool, traces: bo
 
 
 def _compile(folders: Sequence[Path], file: Path, header: str, defines: Sequence[str], optimization: str) -> bytes:
-    source, stage = file.read_text(encoding="utf-8"), file.suffix.lstrip(".")
+    source, stage = read_regular(file, f"{file}").decode("utf-8", "replace"), file.suffix.lstrip(".")
     # Ray generation shaders have no local size.
     if ray_generation.DEFINE in defines:
         source = ray_generation.without_local_size(source)

@@ -13,7 +13,8 @@ from collections.abc import Iterator, Mapping, Sequence
 from functools import lru_cache
 from pathlib import Path
 
-from solari_vk.base.errors import warn
+from solari_vk.base.errors import SolariError, warn
+from solari_vk.base.files import read_regular
 from solari_vk.gpu.shaders import headers
 
 _INCLUDE = re.compile(rb'^[ \t]*#[ \t]*include[ \t]+["<]([^">\n]+)[">]', re.MULTILINE)
@@ -39,7 +40,7 @@ class Sources:
         if path not in self._files:
             # The first root wins, so that overlays replace single files of the package.
             files = (root / path for root in self.roots)
-            self._files[path] = next((file for file in files if file.is_file()), None)
+            self._files[path] = next((file for file in files if os.path.isfile(file)), None)
         return self._files[path]
 
     def closure(self, path: str, source: bytes | None = None) -> dict[str, bytes]:
@@ -66,8 +67,8 @@ class Sources:
         if name not in self._texts:
             file = self.find(name)
             try:
-                self._texts[name] = file.read_bytes() if file else _MISSING
-            except OSError:
+                self._texts[name] = read_regular(file, name) if file else _MISSING
+            except SolariError:
                 self._texts[name] = _MISSING
         return self._texts[name]
 

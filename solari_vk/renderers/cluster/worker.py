@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import threading
+from contextlib import suppress
 from typing import Any
 
 from distributed import get_worker
 
-from solari_vk.base.errors import DeviceError, SolariError
+from solari_vk.base.errors import DeviceError, SolariError, ValidationError
 from solari_vk.gpu.device.device import list_devices
 from solari_vk.renderers.cluster.device_session import DeviceOptions, DeviceSession, Job
 from solari_vk.renderers.cluster.identity import Identity, device_of_worker
@@ -34,12 +35,18 @@ def perform(wanted: Identity, options: DeviceOptions, key: str, scene: bytes, jo
             raise UnfitWorkerError(get_worker().address, difference)
         try:
             session.load_scene(key, scene, job.clip)
-            return job.perform(session)
+            result = job.perform(session)
         except DeviceError:
-            _close_session()  # a device that failed is of no use: the next job opens it anew
+            # A device that failed is of no use: the next job opens it anew. The pool tries this one again, so that
+            # messages of validation, which come with a lost device, don't take the error's place.
+            with suppress(ValidationError):
+                _close_session()
             raise
-        finally:
-            session.device.check_messages()  # errors of validation, if it is on, end the job that caused them
+        except Exception:
+            session.device.check_messages()
+            raise
+        session.device.check_messages()  # errors of validation, if it is on, end the job that caused them
+        return result
 
 
 def _session(options: DeviceOptions) -> DeviceSession:

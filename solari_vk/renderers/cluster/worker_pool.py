@@ -264,7 +264,7 @@ class WorkerPool:
             future.cancel()
             task = out.pop(future)
             task.losses += 1
-            if task.losses > TRIES:
+            if task.losses >= TRIES:
                 raise SolariError(f"{task.job.name} ended every worker that had it, {TRIES} times in a row")
             tasks.append(task)
         return tasks

@@ -13,6 +13,8 @@ import warnings
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
+from types import SimpleNamespace
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -20,6 +22,7 @@ import pytest
 import solari_vk as sv
 from solari_vk.cli import main
 from solari_vk.gpu.device.physical import DeviceReport
+from solari_vk.renderers.cluster import worker_pool
 from solari_vk.renderers.cluster.device_session import OneDevice, pack
 from solari_vk.renderers.cluster.identity import Identity, code_hash, device_of_worker
 from solari_vk.renderers.cluster.reference import render_reference
@@ -135,6 +138,31 @@ class Deadly:
 
     def perform(self, session):
         os._exit(1)
+
+
+def test_a_job_is_given_to_three_generations_of_workers():
+    pool = object.__new__(WorkerPool)
+    pool._workers = SimpleNamespace(accepted=set())
+    task = worker_pool._Task(Deadly())
+    for _ in range(worker_pool.TRIES - 1):
+        assert pool._recall_stranded({Mock(): task}) == [task]
+    with pytest.raises(sv.SolariError, match="the deadly job ended every worker that had it, 3 times in a row"):
+        pool._recall_stranded({Mock(): task})
+
+
+def test_validation_hides_no_error_of_a_device(monkeypatch):
+    """The pool tries a job again only if it sees a DeviceError."""
+    from solari_vk.renderers.cluster import worker as module
+
+    said = Mock(side_effect=sv.ValidationError("a message"))
+    session = SimpleNamespace(device=SimpleNamespace(check_messages=said), load_scene=Mock(), identity=Mock())
+    session.identity.difference.return_value = ""
+    monkeypatch.setattr(module, "_session", lambda options: session)
+    monkeypatch.setattr(module, "_close_session", said)
+    for error, expected in ((sv.DeviceError("lost"), sv.DeviceError), (None, sv.ValidationError)):
+        job = SimpleNamespace(clip=None, perform=Mock(side_effect=error))
+        with pytest.raises(expected):
+            module.perform(None, None, "key", b"", job)
 
 
 def test_large_scenes_are_sent_without_a_warning(pool, tmp_path, monkeypatch):
