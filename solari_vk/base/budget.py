@@ -11,11 +11,14 @@ from contextvars import ContextVar
 from dataclasses import dataclass, field
 from numbers import Integral, Real
 
+import numpy as np
+
 from solari_vk.base.errors import SolariError, quoted
 
 MEMORY = 2 * 2**30
 SECONDS = 600.0
 _UNITS = {"": 1, "b": 1, "kb": 10**3, "mb": 10**6, "gb": 10**9, "kib": 2**10, "mib": 2**20, "gib": 2**30}
+_SURROGATE = re.compile(rb"\\u[dD][89aAbB]")
 _current: ContextVar[Budget | None] = ContextVar("budget", default=None)
 
 
@@ -84,6 +87,19 @@ def charge(size: int, who: str, what: str, *, working: int = 0) -> None:
             f"{who}: loading takes longer than it may: give load(seconds=...) or set SOLARI_VK_LOAD_SECONDS if you "
             "trust the file"
         )
+
+
+def string_bytes(text: bytes) -> int:
+    """The bytes that UTF-8 takes as a Python string: one character above U+FFFF makes all of them take four each.
+
+    Where JSON's escapes may name such a character they count too."""
+    # 0xC4 is the lead byte of U+0100, and 0xF0 that of U+10000.
+    highest = 0 if text.isascii() else int(np.frombuffer(text, np.uint8).max())
+    if highest >= 0xF0 or _SURROGATE.search(text):
+        return 4 * len(text)
+    if highest >= 0xC4 or b"\\u" in text:
+        return 2 * len(text)
+    return len(text)
 
 
 def parse_size(text: str, name: str) -> int:

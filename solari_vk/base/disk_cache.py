@@ -13,9 +13,10 @@ import sys
 from pathlib import Path
 
 from solari_vk.base.errors import SolariError, warn
-from solari_vk.base.files import make_folder, write_whole
+from solari_vk.base.files import is_trusted_owner, make_folder, open_regular, write_whole
 
 _OFF = ("", "0", "off", "no")
+_MAX_LINKS = 40
 _warned_of = set[Path]()
 
 
@@ -40,29 +41,87 @@ def folder() -> Path | None:
         return None
 
 
-def _trusted_folder() -> Path | None:
-    """The folder; None, with a warning, where other users could put shaders of theirs into it."""
+def _trusted_folder(name: str) -> tuple[Path, Path] | None:
+    """The cache's folder and that of an entry; None, with a warning, where other users could put shaders of theirs."""
     # Drivers run what is in a pipeline cache, so that a file of somebody else would run with this user's rights.
     base = folder()
-    try:
-        found = base.stat() if base is not None and hasattr(os, "getuid") else None
-    except OSError:
-        return base  # which isn't there yet
-    if found is not None and (found.st_mode & stat.S_IWOTH or found.st_uid not in (0, os.getuid())):
-        warn(
-            f"compiled shaders and pipelines aren't kept in {base}, where other users can write: give it to yourself "
-            "with mode 700, or set SOLARI_VK_CACHE to another folder"
-        )
+    if base is None:
         return None
-    return base
+    writable = _writable_by_others((base / name).parent)
+    if writable is None:
+        return base, (base / name).parent
+    _warn_once(
+        base,
+        f"compiled shaders and pipelines aren't kept in {base}: other users can write to {writable}: give it to "
+        "yourself with mode 700, or set SOLARI_VK_CACHE to another folder",
+    )
+    return None
+
+
+def _writable_by_others(path: Path) -> Path | None:
+    """The folder on the way to a folder that other users can write to, or that is another user's; None if none is.
+
+    OpenSSH asks the same of the folders of its keys (StrictModes)."""
+    if not hasattr(os, "geteuid"):
+        return None
+    ways = [Path(os.path.abspath(path))]
+    for way in ways:
+        for part in (way, *way.parents):
+            try:
+                entry, found = os.lstat(part), os.stat(part)
+            except OSError:
+                continue  # isn't there yet
+            # In a folder such as /tmp, which is sticky, nobody moves what is somebody else's. But anybody adds to it.
+            protects = bool(found.st_mode & stat.S_ISVTX) and part != way
+            is_ours = is_trusted_owner(entry) and is_trusted_owner(found)
+            if not is_ours or (_others_can_write(found) and not protects):
+                return part
+            if stat.S_ISLNK(entry.st_mode):
+                # The way on, which goes through other folders.
+                ways.append(Path(os.path.abspath(part.parent / os.readlink(part) / way.relative_to(part))))
+        if len(ways) > _MAX_LINKS:
+            return way
+    return None
+
+
+def _others_can_write(found: os.stat_result) -> bool:
+    if found.st_mode & stat.S_IWOTH:
+        return True
+    return bool(found.st_mode & stat.S_IWGRP) and not _is_own_group(found.st_gid)
+
+
+def _is_own_group(number: int) -> bool:
+    """Whether a group has this user only, as is usual where 002 is the umask: it is named like the user, and has no
+    other members."""
+    import grp
+    import pwd
+
+    try:
+        user, group = pwd.getpwuid(os.geteuid()).pw_name, grp.getgrgid(number)
+    except KeyError:
+        return False
+    return group.gr_name == user and set(group.gr_mem) <= {user}
+
+
+def _warn_once(base: Path, text: str) -> None:
+    if base not in _warned_of:
+        _warned_of.add(base)
+        warn(text)
 
 
 def load(name: str) -> bytes | None:
-    """The content of an entry; None if it is missing or damaged, and while the cache is off."""
-    base = _trusted_folder()
+    """The content of an entry; None if it is missing, damaged or another user's, and while the cache is off."""
+    found = _trusted_folder(name)
+    if found is None:
+        return None
+    path = found[0] / name
     try:
-        entry = (base / name).read_bytes() if base else b""
-    except OSError:
+        with open_regular(path, str(path), follow=False) as file:
+            # Of a time before the folder was this user's.
+            if not is_trusted_owner(os.fstat(file.fileno())):
+                return None
+            entry = file.read()
+    except SolariError:
         return None
     # An empty entry isn't one either: a disk that was full may have left it.
     content = entry[32:]
@@ -71,13 +130,14 @@ def load(name: str) -> bytes | None:
 
 def store(name: str, content: bytes) -> None:
     """Write an entry, unless the cache is off. A folder that can't be written only gives a warning, and only one."""
-    base = _trusted_folder()
-    if base is None:
+    found = _trusted_folder(name)
+    if found is None:
         return
+    base, parent = found
     try:
-        make_folder((base / name).parent)
+        make_folder(parent, mode=0o700)
         write_whole(base / name, hashlib.sha256(content).digest() + content)
     except SolariError as error:
-        if base not in _warned_of:
-            _warned_of.add(base)
-            warn(f"compiled shaders and pipelines can't be kept: {error}, by SOLARI_VK_CACHE, or set it to 'off'")
+        _warn_once(
+            base, f"compiled shaders and pipelines can't be kept: {error}, by SOLARI_VK_CACHE, or set it to 'off'"
+        )

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import errno
+import io
 import json
+import math
 import os
 import re
 import secrets
@@ -15,35 +17,48 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
-from solari_vk.base.budget import charge, load_budget
+import numpy as np
+from numpy.typing import NDArray
+
+from solari_vk.base.budget import charge, load_budget, string_bytes
 from solari_vk.base.errors import SolariError, quoted
 
 LARGEST_JSON = 2**26
+NO_LINK = getattr(os, "O_NOFOLLOW", 0)  # which Windows lacks
+_LINES_PER_LOOK = 4096
+_MAX_LINKS = 40  # in a row, as Linux follows them
 _BYTES_PER_VALUE = 150  # of a value as a Python object with its place in a list or dict
 _UNFINISHED = re.compile(r"\.(.+)\.[0-9a-f]{16}(\.[^.]*)")  # the names of `_beside`
 _TRIAL = bytes(4096)  # a file of a few bytes may fit on a disk that is full
 
 
-def read_regular(path: Path, who: str, length: int | None = None) -> bytes:
-    """The first `length` bytes of a file, charged to the budget of what is loaded. Pipes, devices and folders are
-    refused, because they may never end."""
+@contextmanager
+def open_regular(path: Path, who: str, *, follow: bool = True) -> Iterator[io.BufferedReader]:
+    """A file to read from. Pipes, devices and folders are refused, because they may never end, and links without
+    `follow`. Raises SolariError for a file that can't be opened or read."""
     # Non-blocking, because opening a pipe without a writer would block. Windows has no such flag, but one for files
     # that aren't text.
-    flags = os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)
+    flags = os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0) | (0 if follow else NO_LINK)
     try:
         with open(os.open(path, flags), "rb") as file:
-            found = os.fstat(file.fileno())
-            if not stat.S_ISREG(found.st_mode):
+            if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
                 raise SolariError(f"{who}: not a readable file: give the path of a regular file")
-            size = found.st_size if length is None else min(found.st_size, length)
-            charge(size, who, "the file")
-            return file.read(size)
+            yield file
     except FileNotFoundError:
         raise SolariError(f"{who}: there is no such file: check the path") from None
     except (OSError, ValueError) as error:
         raise SolariError(f"{who}: can't be read: {getattr(error, 'strerror', None) or error}") from None
     except (MemoryError, OverflowError):
         raise SolariError(f"{who}: too large for this machine's memory") from None
+
+
+def read_regular(path: Path, who: str, length: int | None = None, *, follow: bool = True) -> bytes:
+    """The first `length` bytes of a file of `open_regular`, charged to the budget of what is loaded."""
+    with open_regular(path, who, follow=follow) as file:
+        size = os.fstat(file.fileno()).st_size
+        size = size if length is None else min(size, length)
+        charge(size, who, "the file")
+        return file.read(size)
 
 
 def read_json(path: Path, who: str) -> Any:
@@ -63,22 +78,75 @@ def charge_json(text: bytes, who: str) -> None:
     """Charge the values of a JSON text as Python objects."""
     # Each value follows a comma or opens an object or a list, so that the text needn't be parsed to count them.
     values = sum(map(text.count, (b",", b"{", b"[")))
-    charge(_BYTES_PER_VALUE * values, who, "its JSON", working=4 * len(text))
+    # The strings are parts of the text, which is one string while it is parsed. json.loads also takes UTF-16.
+    size = string_bytes(text) if json.detect_encoding(text).startswith("utf-8") else 2 * len(text)
+    charge(_BYTES_PER_VALUE * values + size, who, "its JSON", working=size)
+
+
+def text_lines(data: bytes, who: str) -> Iterator[tuple[int, str]]:
+    """The numbered lines of a text in UTF-8 without their ends, one after the other, so that they take no memory."""
+    charge(0, who, "its text", working=string_bytes(data))  # for it may be one line
+    lines = io.TextIOWrapper(io.BytesIO(data), "utf-8-sig", errors="replace")
+    for number, line in enumerate(lines, 1):
+        if number % _LINES_PER_LOOK == 0:
+            charge(0, who, "its text")  # looks at the time
+        yield number, line.rstrip("\n")
+
+
+def followed(path: Path) -> Path:
+    """The path to write for one that the user named: where links lead that this user or root has made."""
+    # Anybody can put a link into a folder such as /tmp, which then leads to a file of this user. Linux doesn't follow
+    # such links either (fs.protected_symlinks).
+    try:
+        for _ in range(_MAX_LINKS):
+            found = os.lstat(path)
+            if not stat.S_ISLNK(found.st_mode) or not is_trusted_owner(found):
+                break
+            path = path.parent / os.readlink(path)
+    except (OSError, ValueError):
+        pass  # There is no such file yet, or no file can have this name, which the writer says.
+    return path
+
+
+def is_trusted_owner(found: os.stat_result) -> bool:
+    """Whether a file is this user's or root's."""
+    return not hasattr(os, "geteuid") or found.st_uid in (0, os.geteuid())
+
+
+def read_npy(path: Path, who: str) -> NDArray[Any]:
+    """The array of a .npy file. Raises SolariError for what isn't one, and for one of objects, which could run code."""
+    with load_budget():
+        data = read_regular(path, who)
+    try:
+        file = io.BytesIO(data)
+        version = np.lib.format.read_magic(file)
+        header = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
+        shape, is_fortran, dtype = header(file)
+        # numpy itself would make room for whatever the header names.
+        if dtype.hasobject or math.prod(shape) * dtype.itemsize != len(data) - file.tell():
+            raise ValueError("its content has another size than its header says")
+        array = np.frombuffer(data, dtype, offset=file.tell()) if dtype.itemsize else np.empty(shape, dtype)
+        return array.reshape(shape, order="F" if is_fortran else "C").copy()
+    except Exception as error:  # numpy raises many types of exceptions for damaged headers
+        raise SolariError(f"{who}: can't be read as an array: {quoted(str(error))}: make it anew") from None
 
 
 @contextmanager
 def whole_file(path: Path) -> Iterator[Path]:
-    """A temporary path in the same folder; what is written there replaces the file at `path` when the context ends.
-    If that is a link, it stays, and the file that it names is replaced.
+    """A temporary path in the same folder; what is written there replaces what is at `path` when the context ends: a
+    file, whose owner and mode the new one gets, or a link, but not what it leads to: for that give `followed(path)`.
 
     Raises SolariError when writing fails, and leaves the file at `path` as it was.
     """
     # In the same folder, because only within a disk a file takes another one's place at once.
     temporary = _beside(path)
     try:
-        _create(temporary)
+        old = _old_file(path)
+        _create(temporary, 0o666 if old is None else 0o600)
         yield temporary
-        os.replace(temporary, Path(os.path.realpath(path)))
+        if old is not None:
+            _keep_mode(temporary, old)
+        os.replace(temporary, path)
     except (OSError, RuntimeError) as error:
         raise cannot_be("written", path, error) from None
     finally:
@@ -95,7 +163,6 @@ def write_both(first: tuple[Path, bytes], second: tuple[Path, bytes]) -> None:
     """Write two files that belong together. Raises SolariError when that fails, and leaves both as they were."""
     path, content = first
     second_path, second_content = second
-    target = Path(os.path.realpath(second_path))
     backup = _beside(second_path)
     is_replaced = False
     try:
@@ -103,31 +170,31 @@ def write_both(first: tuple[Path, bytes], second: tuple[Path, bytes]) -> None:
         # that it needs none.
         with whole_file(path) as temporary:
             temporary.write_bytes(content)
-            _write_with_backup(second_path, second_content, target, backup)
+            _write_with_backup(second_path, second_content, backup)
             is_replaced = True
     except BaseException:
         if is_replaced and backup.exists():
-            os.replace(backup, target)
+            os.replace(backup, second_path)
         else:
-            _remove(target if is_replaced else backup)
+            _remove(second_path if is_replaced else backup)
         raise
     _remove(backup)
 
 
-def _write_with_backup(path: Path, content: bytes, target: Path, backup: Path) -> None:
-    """Write a file, after the one at `target`, where its links lead, has another name too."""
+def _write_with_backup(path: Path, content: bytes, backup: Path) -> None:
+    """Write a file, after the one that is there has another name too."""
     with whole_file(path) as temporary:
         temporary.write_bytes(content)
-        if target.exists():
-            _link_or_copy(target, backup)
+        if os.path.lexists(path):
+            _link_or_copy(path, backup)
 
 
 def _link_or_copy(path: Path, other: Path) -> None:
     """Give a file another name too, or copy it where a disk has no links."""
     try:
-        os.link(path, other)
-    except OSError:
-        shutil.copyfile(path, other)
+        os.link(path, other, follow_symlinks=False)
+    except (OSError, NotImplementedError):
+        shutil.copy2(path, other, follow_symlinks=False)
 
 
 def remove_unfinished(folder: Path, names: Collection[str]) -> None:
@@ -141,9 +208,11 @@ def remove_unfinished(folder: Path, names: Collection[str]) -> None:
 def check_writable(path: Path) -> None:
     """Raise SolariError if no file can be written at a path: for what takes long to make, before it is made."""
     # Permissions don't tell: a disk may be full, mounted without writing, or of another machine.
+    path = followed(path)
     trial = _beside(path)
     try:
-        _create(trial)
+        _old_file(path)
+        _create(trial, 0o600)
         trial.write_bytes(_TRIAL)
     except OSError as error:
         raise cannot_be("written", path, error) from None
@@ -151,10 +220,11 @@ def check_writable(path: Path) -> None:
         _remove(trial)
 
 
-def make_folder(path: Path) -> None:
+def make_folder(path: Path, mode: int = 0o777) -> None:
     """Make a folder, and those above it, unless it is there. Raises SolariError when that fails."""
     try:
-        path.mkdir(parents=True, exist_ok=True)
+        for part in (*reversed(path.parents), path):
+            part.mkdir(mode, exist_ok=True)
     except OSError as error:
         raise cannot_be("made", path, error) from None
 
@@ -189,19 +259,43 @@ def _beside(path: Path) -> Path:
     """A path in the same folder, with the same suffix, that nobody can foresee."""
     if os.path.exists(path) and not os.path.isfile(path):
         raise SolariError(f"{path}: is a {'folder' if path.is_dir() else 'device or pipe'}: give the name of a file")
-    try:
-        target = Path(os.path.realpath(path))
-    except ValueError:
-        raise SolariError(f"{quoted(str(path))}: has a null character: choose another name") from None
-    if not os.path.isdir(target.parent):
-        raise SolariError(f"{path}: there is no folder {target.parent}: make it first")
+    if "\0" in str(path):
+        raise SolariError(f"{quoted(str(path))}: has a null character: choose another name")
+    if not os.path.isdir(path.parent):
+        raise SolariError(f"{path}: there is no folder {path.parent}: make it first")
     # Writers choose the format by the suffix. `_UNFINISHED` matches such a name.
-    return target.with_name(f".{target.stem}.{secrets.token_hex(8)}{path.suffix}")
+    return path.with_name(f".{path.stem}.{secrets.token_hex(8)}{path.suffix}")
 
 
-def _create(path: Path) -> None:
+def _old_file(path: Path) -> os.stat_result | None:
+    """The file that one at `path` will replace; None for a link or nothing. OSError if it may not be written."""
+    try:
+        found = os.lstat(path)
+    except FileNotFoundError:
+        return None
+    if not stat.S_ISREG(found.st_mode):
+        return None
+    # Its folder would let it be replaced, but whoever made it read-only wanted to keep it.
+    if not os.access(path, os.W_OK):
+        raise PermissionError(errno.EACCES, "the file there is read-only")
+    return found
+
+
+def _keep_mode(path: Path, old: os.stat_result) -> None:
+    """Give a file the owner and the mode of the one that it replaces, and nobody more than that."""
+    mode = stat.S_IMODE(old.st_mode) & 0o777
+    new = os.stat(path)
+    if (new.st_uid, new.st_gid) != (old.st_uid, old.st_gid):
+        try:
+            os.chown(path, old.st_uid, old.st_gid)
+        except OSError:
+            mode &= 0o707  # of another group
+    os.chmod(path, mode)
+
+
+def _create(path: Path, mode: int) -> None:
     """Make an empty file; OSError if there is anything of this name, such as a link that somebody put there."""
-    os.close(os.open(path, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o666))
+    os.close(os.open(path, os.O_CREAT | os.O_EXCL | os.O_WRONLY, mode))
 
 
 def _remove(temporary: Path) -> None:

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solari_vk.base.errors import SolariError, quoted, warn
+from solari_vk.base.files import followed
 from solari_vk.output.picture import EIGHT_BIT, check_output, write_codes
 from solari_vk.output.tone_mapping import auto_exposure, unseen
 from solari_vk.scene.camera import Camera, exposure_of
@@ -76,7 +77,7 @@ def compare(
 
 def _write_heatmap(path: Path, image: NDArray[Any], reference: NDArray[Any], exposure: float | None) -> None:
     errors = _evaluate(image, reference, exposure, applyMagma=True)[0]
-    write_codes(path, np.rint(255 * np.clip(errors, 0, 1)).astype(np.uint8))
+    write_codes(followed(path), np.rint(255 * np.clip(errors, 0, 1)).astype(np.uint8))
 
 
 def _shown_with(radiance: NDArray[np.float64], *pictures: Any) -> float:

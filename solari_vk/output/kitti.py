@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from solari_vk.base.errors import SolariError
-from solari_vk.base.files import write_whole
+from solari_vk.base.files import followed, write_whole
 
 LARGEST_FLOW = 512.0  # pixels
 LARGEST_DISPARITY = 256.0
@@ -35,7 +35,7 @@ def save_kitti_flow(path: str | os.PathLike[str], flow: ArrayLike, valid: ArrayL
     # The development kit reads (code - 2^15) / 64, and the third channel as whether the pixel counts.
     codes = np.rint(_within(path, values, mask[..., None], -LARGEST_FLOW, LARGEST_FLOW, 64) * 64) + (1 << 15)
     pixels = np.where(mask[..., None], np.concatenate([codes, np.ones_like(codes[..., :1])], axis=2), 0)
-    write_whole(Path(path), png_16(pixels.astype(np.uint16)))
+    write_whole(followed(Path(path)), png_16(pixels.astype(np.uint16)))
 
 
 def save_kitti_disparity(path: str | os.PathLike[str], disparity: ArrayLike, valid: ArrayLike | None = None) -> None:
@@ -50,7 +50,7 @@ def save_kitti_disparity(path: str | os.PathLike[str], disparity: ArrayLike, val
     mask = _valid_mask(path, values, valid)
     codes = np.rint(_within(path, values, mask, 0.0, LARGEST_DISPARITY, 256) * 256)
     # 0 stands for pixels that don't count, so that the least disparity is one step.
-    write_whole(Path(path), png_16(np.where(mask, np.maximum(codes, 1), 0).astype(np.uint16)))
+    write_whole(followed(Path(path)), png_16(np.where(mask, np.maximum(codes, 1), 0).astype(np.uint16)))
 
 
 def _valid_mask(

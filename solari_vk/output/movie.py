@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from solari_vk.base.errors import SolariError, quoted
-from solari_vk.base.files import whole_file
+from solari_vk.base.files import followed, whole_file
 
 if TYPE_CHECKING:
     import numpy as np
@@ -68,7 +68,7 @@ def write_movie(path: Path, pictures: Sequence[Path], fps: int) -> None:
 
 def _write(path: Path, pictures: Sequence[bytes], fps: float) -> None:
     ffmpeg = _find_ffmpeg(path) if path.suffix.lower() == ".mp4" else ""
-    with whole_file(path) as temporary:
+    with whole_file(followed(path)) as temporary:
         if ffmpeg:
             _write_mp4(ffmpeg, temporary, pictures, fps)
         else:

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from solari_vk.base.errors import SolariError, checked_keywords
-from solari_vk.base.files import check_writable, whole_file, write_whole
+from solari_vk.base.files import check_writable, followed, whole_file, write_whole
 from solari_vk.output.tone_mapping import Colors, encode_picture
 from solari_vk.output.transparency import encode_transparent
 from solari_vk.scene.images import exr
@@ -60,8 +60,33 @@ def save_image(
     """
     if not isinstance(path, str | os.PathLike):
         raise SolariError(f"save_image: the path of a file comes first, then the radiance, not {type(path).__name__}")
-    target = Path(path)
-    _check_suffix(target, SUFFIXES)
+    _check_suffix(Path(path), SUFFIXES)
+    write_picture(
+        Path(path),
+        radiance,
+        place=followed(Path(path)),
+        exposure=exposure,
+        tonemap=tonemap,
+        layers=layers,
+        metadata=metadata,
+        alpha=alpha,
+    )
+
+
+def write_picture(
+    target: Path,
+    radiance: ArrayLike,
+    *,
+    place: Path | None = None,
+    exposure: float = 1.0,
+    tonemap: str = "agx",
+    layers: Mapping[str, NDArray[Any]] | None = None,
+    metadata: Mapping[str, str] | None = None,
+    alpha: NDArray[np.float32] | None = None,
+) -> None:
+    """`save_image` for a name that the user hasn't given: what links lead to isn't replaced. place: where the picture
+    is written instead of at `target`, which names its layers."""
+    place = place or target
     picture = _as_picture(target, radiance)
     arrays = {name: np.asarray(layer) for name, layer in (layers or {}).items()}
     _check_layers(target, picture, arrays, has_alpha=alpha is not None)
@@ -70,14 +95,14 @@ def save_image(
     suffix = target.suffix.lower()
     if suffix == ".exr":
         header = {"exposure": repr(float(exposure)), **(metadata or {})}
-        _write_exr(target, picture, arrays if alpha is None else arrays | {"A": alpha}, header)
+        _write_exr(place, picture, arrays if alpha is None else arrays | {"A": alpha}, header)
     elif suffix == ".npz":
-        _write_npz(target, {"radiance": picture} | arrays)
+        _write_npz(place, {"radiance": picture} | arrays)
     else:
         if suffix == ".npy":
-            write_npy(target, picture)
+            write_npy(place, picture)
         else:
-            write_codes(target, _codes(picture, alpha, exposure, tonemap))
+            write_codes(place, _codes(picture, alpha, exposure, tonemap))
         write_beside(target, arrays)
 
 

@@ -7,14 +7,14 @@ import json
 import os
 import tarfile
 from collections.abc import Container, Iterable, Mapping
-from itertools import islice
+from itertools import count, islice
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from solari_vk.base.errors import SolariError
-from solari_vk.base.files import make_folder, whole_file
+from solari_vk.base.files import make_folder, read_regular, whole_file
 
 SHARD = "{:06}.tar"
 
@@ -25,8 +25,8 @@ def save_shards(
     """Write samples as numbered .tar files of a folder, which is made if need be; returns their paths.
 
     samples: for each its key, such as "00000", and contents by suffix, such as {"png": ..., "depth.npy": ...}: bytes,
-    text, paths of files, arrays (as .npy) and anything else as JSON. Equal samples give equal files. Shards of the
-    folder with higher numbers, of earlier calls, are removed. Raises SolariError for keys with a dot or a slash, for
+    text, paths of files, arrays (as .npy) and anything else as JSON. Equal samples give equal files. The shards
+    after them, of an earlier call, are removed. Raises SolariError for keys with a dot or a slash, for
     one that comes twice, for what JSON doesn't have, and for files that can't be read or written.
     """
     if per_shard < 1:
@@ -40,10 +40,13 @@ def save_shards(
         path = root / SHARD.format(len(paths))
         _write_shard(path, part, keys)
         paths.append(path)
-    # Those of an earlier call with more samples would be read as part of this one.
-    for path in root.glob("[0-9]" * 6 + ".tar"):
-        if path not in paths:
-            path.unlink()
+    # Those of an earlier call with more samples would be read as part of this one. Their numbers go on without a gap,
+    # so that files behind a gap are the user's.
+    for number in count(len(paths)):
+        path = root / SHARD.format(number)
+        if not path.is_file():
+            break
+        path.unlink()
     return paths
 
 
@@ -79,10 +82,7 @@ def _bytes_of(content: Any) -> bytes:
     if isinstance(content, bytes):
         return content
     if isinstance(content, Path):
-        try:
-            return content.read_bytes()
-        except OSError as error:
-            raise SolariError(f"{content}: can't be read: {error.strerror}") from None
+        return read_regular(content, f"{content}")
     if isinstance(content, np.ndarray):
         file = io.BytesIO()
         np.save(file, content)

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solari_vk.base.errors import Hints, SolariError, checked_keywords, quoted, unknown_name, warn
+from solari_vk.base.files import followed
 from solari_vk.bound.binder import SceneBinder
 from solari_vk.bound.projection import Projection
 from solari_vk.gpu.device.device import Device
@@ -346,7 +347,7 @@ class RenderedFrame(Hints):
         is_picture = Path(path).suffix.lower() in EIGHT_BIT
         if is_picture and renderer.view != "picture":
             read = {name: self[name] for name in layers}  # before anything is written, which an error would leave
-            write_codes(Path(path), self["display"][..., :3])
+            write_codes(followed(Path(path)), self["display"][..., :3])
             write_beside(Path(path), read)
             return
         radiance = self["radiance"]

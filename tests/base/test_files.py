@@ -2,18 +2,32 @@
 
 from __future__ import annotations
 
+import hashlib
 import os
 import stat
+import warnings
 
+import numpy as np
 import pytest
 
+import solari_vk as sv
 from solari_vk.base import disk_cache
 from solari_vk.base.errors import SolariError
-from solari_vk.base.files import cannot_be, check_writable, whole_file, write_whole
+from solari_vk.base.files import (
+    cannot_be,
+    check_writable,
+    followed,
+    open_regular,
+    read_regular,
+    whole_file,
+    write_whole,
+)
+
+STRANGER = 12345  # another user's number
 
 
 def write(path):
-    write_whole(path, "new")
+    write_whole(followed(path), "new")
 
 
 @pytest.mark.parametrize("attempt", [check_writable, write])
@@ -23,7 +37,7 @@ def test_pipes_and_devices_are_no_files(tmp_path, attempt):
     os.mkfifo(pipe)
     link.symlink_to(pipe)
     for path in (pipe, link):
-        with pytest.raises(SolariError, match=f"{path.name}: is a device or pipe: give the name of a file$"):
+        with pytest.raises(SolariError, match=r"pipe.md: is a device or pipe: give the name of a file$"):
             attempt(path)
     assert stat.S_ISFIFO(pipe.stat().st_mode)
     assert sorted(os.listdir(tmp_path)) == ["link.md", "pipe.md"]
@@ -45,7 +59,7 @@ def test_a_link_stays_and_its_file_is_replaced(tmp_path):
 def test_a_link_into_no_folder_names_the_folder(tmp_path):
     link = tmp_path / "link.md"
     link.symlink_to("missing/file.md")
-    with pytest.raises(SolariError, match=r"link.md: there is no folder .*missing: make it first$"):
+    with pytest.raises(SolariError, match=r"file.md: there is no folder .*missing: make it first$"):
         write(link)
 
 
@@ -78,10 +92,124 @@ def test_names_beside_a_file_can_not_be_foreseen_or_taken(tmp_path, monkeypatch)
     assert (tmp_path / "victim").read_text() == "old"
 
 
-def test_a_cache_that_others_can_write_is_not_used(tmp_path, monkeypatch):
-    monkeypatch.setenv("SOLARI_VK_CACHE", str(tmp_path))
-    disk_cache.store("entry", b"mine")
-    assert disk_cache.load("entry") == b"mine"
-    tmp_path.chmod(0o777)
-    with pytest.warns(UserWarning, match="where other users can write.*mode 700"):
-        assert disk_cache.load("entry") is None
+def test_names_that_the_package_chose_lead_nowhere(tmp_path):
+    """A link that somebody put where a file of a folder is written is replaced, and not what it leads to."""
+    victim, link = tmp_path / "victim", tmp_path / "views.json"
+    victim.write_text("precious")
+    for target in (victim, tmp_path / "nowhere", "link"):
+        link.unlink(missing_ok=True)
+        link.symlink_to(target)
+        write_whole(link, "new")
+        assert (link.is_symlink(), link.read_text(), victim.read_text()) == (False, "new", "precious")
+    link.unlink()
+    link.symlink_to(victim)
+    for read in (open_regular(link, "link", follow=False).__enter__, lambda: read_regular(link, "link", follow=False)):
+        with pytest.raises(SolariError, match="link: can't be read"):
+            read()
+
+
+@pytest.mark.skipif(os.geteuid() != 0, reason="only root may give files away")
+def test_links_of_other_users_lead_nowhere(tmp_path):
+    victim, link = tmp_path / "victim", tmp_path / "picture.png"
+    victim.write_text("precious")
+    link.symlink_to(victim)
+    os.lchown(link, STRANGER, STRANGER)
+    sv.save_image(link, np.zeros((2, 2, 3)))
+    assert (link.is_symlink(), victim.read_text()) == (False, "precious")
+
+
+def test_a_new_file_has_no_more_readers_than_the_old_one(tmp_path):
+    """Whoever writes: the package, or a library to the name that it is given."""
+    black = np.zeros((2, 2, 3), np.float32)
+    for name in ("a.png", "a.npy", "a.npz", "a.exr"):
+        path = tmp_path / name
+        for mode in (0o600, 0o640):
+            path.touch()
+            path.chmod(mode)
+            sv.save_image(path, black)
+            assert stat.S_IMODE(path.stat().st_mode) == mode, name
+    if os.geteuid() == 0:
+        os.chown(path, STRANGER, STRANGER)
+        sv.save_image(path, black)
+        assert (path.stat().st_uid, path.stat().st_gid) == (STRANGER, STRANGER)
+
+
+def test_a_file_that_is_read_only_stays(tmp_path, monkeypatch):
+    monkeypatch.setattr(os, "access", lambda path, mode: False)  # as for all users but root
+    (tmp_path / "a.png").write_text("precious")
+    for attempt in (check_writable, write):
+        with pytest.raises(SolariError, match="the file there is read-only: choose"):
+            attempt(tmp_path / "a.png")
+    assert (tmp_path / "a.png").read_text() == "precious"
+
+
+def test_a_gltf_file_takes_nobody_else_s_bin(tmp_path):
+    scene = sv.builtin("cornell_box")
+    (tmp_path / "b.bin").write_text("precious")
+    for _ in range(2):  # its own it replaces
+        scene.save(tmp_path / "b.gltf")
+    assert sorted(os.listdir(tmp_path)) == ["b-2.bin", "b.bin", "b.gltf"]
+    assert (tmp_path / "b.bin").read_text() == "precious"
+    assert len(sv.load(tmp_path / "b.gltf").instances) == len(scene.instances)
+
+
+def entry_is_trusted(folder, monkeypatch):
+    monkeypatch.setenv("SOLARI_VK_CACHE", str(folder))
+    disk_cache._warned_of.clear()
+    with warnings.catch_warnings(record=True) as noted:
+        warnings.simplefilter("always")
+        found = [disk_cache.load("entry") for _ in range(2)]
+    assert [str(warning.message) for warning in noted if "other users can write" not in str(warning.message)] == []
+    assert (len(noted), *found) in ((1, None, None), (0, b"mine", b"mine"), (0, None, None))
+    return found[0] is not None
+
+
+def give_group(path):
+    os.chown(path, -1, STRANGER)
+    path.chmod(0o770)
+
+
+DOORS = {
+    "all": lambda parent, cache: cache.chmod(0o777),
+    "all, but not rename": lambda parent, cache: cache.chmod(0o1777),
+    "all, one above": lambda parent, cache: parent.chmod(0o777),
+    "a group": lambda parent, cache: give_group(cache),
+    "a group, one above": lambda parent, cache: give_group(parent),
+    "the owner": lambda parent, cache: os.chown(cache, STRANGER, -1),
+    "the owner of what is above": lambda parent, cache: os.chown(parent, STRANGER, -1),
+    "the owner of an entry": lambda parent, cache: os.chown(cache / "entry", STRANGER, -1),
+}
+
+
+@pytest.mark.skipif(os.geteuid() != 0, reason="only root may give files away")
+@pytest.mark.parametrize("door", DOORS)
+@pytest.mark.parametrize("links", [False, True])
+def test_a_cache_is_trusted_if_nobody_else_can_write_on_the_whole_way(tmp_path, monkeypatch, door, links):
+    parent = tmp_path / "parent"
+    cache = parent / "cache"
+    cache.mkdir(parents=True)
+    content = b"mine"
+    (cache / "entry").write_bytes(hashlib.sha256(content).digest() + content)
+    way = tmp_path / "link" if links else cache
+    if links:
+        way.symlink_to(cache)
+    assert entry_is_trusted(way, monkeypatch)
+    parent.chmod(0o1777)  # as /tmp
+    assert entry_is_trusted(way, monkeypatch)
+    parent.chmod(0o755)
+    DOORS[door](parent, cache)
+    assert not entry_is_trusted(way, monkeypatch)
+
+
+def test_a_new_cache_is_its_user_s_alone(tmp_path, monkeypatch):
+    monkeypatch.setenv("SOLARI_VK_CACHE", str(tmp_path / "a" / "b"))
+    before = os.umask(0)
+    try:
+        disk_cache.store("c/entry", b"mine")
+    finally:
+        os.umask(before)
+    assert disk_cache.load("c/entry") == b"mine"
+    assert {stat.S_IMODE((tmp_path / name).stat().st_mode) for name in ("a", "a/b", "a/b/c")} == {0o700}
+    os.rename(tmp_path / "a/b/c/entry", tmp_path / "moved")
+    (tmp_path / "a/b/c/entry").symlink_to(tmp_path / "moved")
+    assert disk_cache.load("c/entry") is None

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import errno
+import gc
+import os
 import signal
 import subprocess
 import sys
@@ -9,6 +12,7 @@ import sys
 import pytest
 from support.files import files_limited_to
 
+from solari_vk.base import folder_lock
 from solari_vk.base.errors import SolariError
 from solari_vk.data.datasets.journal import Journal
 
@@ -52,3 +56,76 @@ def test_a_folder_has_one_owner(tmp_path, held, end):
     assert {file.name for file in tmp_path.iterdir()} == {"journal.jsonl", "journal.jsonl.lock"}
     del journal, again
     assert {file.name for file in tmp_path.iterdir()} == {"journal.jsonl"}
+
+
+@pytest.mark.parametrize(
+    "planted", ["a link", "a hard link", "a file", "JSON", "a pipe", "a folder", "a link to a lock"]
+)
+@pytest.mark.parametrize("name", ["journal.jsonl.lock", "journal.jsonl"])
+def test_what_somebody_put_there_stays(tmp_path, name, planted):
+    """Neither the lock nor the journal takes anything else for its own, or follows a link."""
+    place, victim = tmp_path / "views" / name, tmp_path / "victim"
+    place.parent.mkdir()
+    content = '{"process": 1, "host": "a"}' if planted == "a link to a lock" else '{"precious": 1}'
+    victim.write_text(content)
+    make = {
+        "a hard link": lambda: place.hardlink_to(victim),
+        "a file": lambda: place.write_text("precious"),  # without the end of a line
+        "JSON": lambda: place.write_text(content),
+        "a pipe": lambda: os.mkfifo(place),
+        "a folder": place.mkdir,
+    }
+    make.get(planted, lambda: place.symlink_to(victim))()
+    before = os.lstat(place)
+    with pytest.raises(SolariError, match=name):
+        Journal(place.parent / "journal.jsonl", {"scene": 1})
+    after = os.lstat(place)
+    assert (before.st_ino, before.st_size, before.st_mode) == (after.st_ino, after.st_size, after.st_mode)
+    assert victim.read_text() == content
+    assert os.listdir(place.parent) == [name]
+
+
+def test_the_lock_removes_what_it_made_and_nothing_else(tmp_path):
+    path = tmp_path / "journal.jsonl"
+    lock = tmp_path / "journal.jsonl.lock"
+    journal = Journal(path, {"scene": 1})
+    child = os.fork()
+    if not child:
+        del journal
+        gc.collect()
+        os._exit(0)
+    os.waitpid(child, 0)
+    assert lock.exists(), "a forked process isn't the owner"
+    lock.rename(tmp_path / "moved")
+    lock.write_text("precious")
+    del journal
+    assert (lock.read_text(), (tmp_path / "moved").exists()) == ("precious", True)
+
+
+def test_errors_of_the_system_are_named_and_leave_no_file_open(tmp_path, monkeypatch):
+    def fail(*_):
+        raise OSError(errno.ENOLCK, "No locks available")
+
+    count = len(os.listdir("/proc/self/fd"))
+    with monkeypatch.context() as patched:
+        patched.setattr(folder_lock.fcntl, "flock", fail)
+        with pytest.raises(SolariError, match="lock: can't be locked: No locks available"):
+            Journal(tmp_path / "journal.jsonl", {"scene": 1})
+    (tmp_path / "journal.jsonl.lock").unlink()
+    (tmp_path / "journal.jsonl.lock").write_text("precious")
+    with pytest.raises(SolariError, match="isn't a lock of this package"):
+        Journal(tmp_path / "journal.jsonl", {"scene": 1})
+    assert len(os.listdir("/proc/self/fd")) == count
+
+
+def test_a_journal_cut_short_goes_on(tmp_path):
+    path = tmp_path / "journal.jsonl"
+    Journal(path, {"scene": 1})
+    whole = path.read_bytes()
+    for length in range(len(whole)):
+        path.write_bytes(whole[:length])
+        Journal(path, {"scene": 1})
+        assert path.read_bytes() == whole
+    path.write_bytes(whole + b'{"task"')
+    Journal(path, {"scene": 1})
+    assert path.read_bytes() == whole

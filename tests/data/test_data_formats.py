@@ -100,7 +100,7 @@ def test_shards_are_read_by_webdataset(tmp_path):
     for wrong, words in (
         ([("a.b", {})], "a dot or a slash"),
         ([("a", {}), ("a", {})], "is there already"),
-        ([("a", {"txt": tmp_path / "none"})], "can't be read"),
+        ([("a", {"txt": tmp_path / "none"})], "there is no such file"),
         ([("a", {"x": object()})], "a.x: object can't be written as JSON"),
     ):
         with pytest.raises(SolariError, match=words):

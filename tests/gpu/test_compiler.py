@@ -113,7 +113,7 @@ def test_calls_of_pyshaderc_include_libraries_and_generated_headers(shaders, mad
         compiler.set_include_paths([])
     with pytest.raises(SolariError, match="unknown stage 'pixel'"):
         compiler.compile_into_spirv("", "pixel", "x")
-    with pytest.raises(SolariError, match=r"nowhere\.comp can't be read"):
+    with pytest.raises(SolariError, match=r"nowhere\.comp: there is no such file"):
         compiler.compile_file_into_spirv("/nowhere.comp", "comp")
 
 

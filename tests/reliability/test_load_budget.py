@@ -326,3 +326,27 @@ def test_pipes_are_refused_at_once(tmp_path, name):
     read = sv.load if name.endswith(("glb", "obj")) else sv.Environment
     with pytest.raises(sv.SolariError, match="not a readable file: give the path of a regular file"):
         read(tmp_path / name)
+
+
+URIS = {
+    "data": "data:application/octet-stream," + "%41" * (4 << 20),
+    "base64": "data:;base64," + "%41" * (4 << 20),
+    "a path": "%41" * (4 << 20),
+    "one emoji": "data:," + "x" * (12 << 20) + "\U0001f600",
+    "one emoji in base64": "data:;base64," + "A" * (12 << 20) + "\U0001f600",
+}
+
+
+@pytest.mark.parametrize("name", URIS)
+@pytest.mark.parametrize("escaped", [False, True])
+def test_a_uri_takes_what_is_charged(load, tmp_path, name, escaped):
+    document = {"asset": {"version": "2.0"}, "buffers": [{"byteLength": 36, "uri": URIS[name]}], "scene": 0}
+    document |= {"bufferViews": [{"buffer": 0, "byteLength": 36}], "scenes": [{"nodes": [0]}], "nodes": [{"mesh": 0}]}
+    document["accessors"] = [{"bufferView": 0, "componentType": 5126, "count": 3, "type": "VEC3"}]
+    document["meshes"] = [{"primitives": [{"attributes": {"POSITION": 0}}]}]
+    path = tmp_path / "a.gltf"
+    path.write_text(json.dumps(document, ensure_ascii=escaped), encoding="utf-8")
+    charged, taken, _ = load(path, 4096 * MIB)
+    assert taken <= charged + SPARE
+    _, taken, said = load(path, 40 * MIB)
+    assert taken <= 40 * MIB + SPARE, said

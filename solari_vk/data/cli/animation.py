@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import copy
 import dataclasses
-import shutil
 import sys
+from contextlib import suppress
 
 from solari_vk.base.errors import SolariError
 from solari_vk.base.files import make_folder
@@ -51,7 +51,11 @@ def run(job: MovieJob, loaded: LoadedScene, how: Settings | int) -> int:
     # The pictures of a movie go only once it is written; until then the next run goes on with them.
     if job.is_movie and complete:
         write_movie(output, [folder / view.name for view in views], job.fps)
-        shutil.rmtree(folder)
+        journal.remove(tasks)
+        del journal  # and with it the lock's file
+        # The folder stays if there is anything else in it.
+        with suppress(OSError):
+            folder.rmdir()
         print(f"wrote {job.output}: EV100 {views[0].camera.ev100:.2f}", file=sys.stderr)
     return 0 if complete else 1
 

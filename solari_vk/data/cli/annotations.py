@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solari_vk.base.errors import SolariError
-from solari_vk.base.files import make_folder, read_json, write_whole
+from solari_vk.base.files import make_folder, read_json, read_npy, write_whole
 from solari_vk.data.annotate.bop import BopWriter
 from solari_vk.data.annotate.boxes import box_around
 from solari_vk.data.annotate.silhouettes import Silhouette, merge_runs, read_runs
@@ -127,7 +127,8 @@ class AnnotationWriter:
         return read_runs(merge_runs(self._layer(view, SILHOUETTES), objects), shown)
 
     def _layer(self, view: View, name: str) -> NDArray[Any]:
-        return np.asarray(np.load(self._folder / f"{Path(view.name).stem}.{name}.npy"))
+        path = self._folder / f"{Path(view.name).stem}.{name}.npy"
+        return read_npy(path, f"{path}")
 
     def _points(self, view: View) -> dict[int, NDArray[Any]]:
         """u, v and state of the keypoints of each instance that has any."""

@@ -7,15 +7,24 @@ import hashlib
 import json
 import os
 import time
-from collections.abc import Callable, Sequence
-from contextlib import closing
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import closing, contextmanager, suppress
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import numpy as np
 
+from solari_vk.base.budget import load_budget
 from solari_vk.base.errors import SolariError
-from solari_vk.base.files import cannot_be, remove_unfinished, write_whole
+from solari_vk.base.files import (
+    NO_LINK,
+    cannot_be,
+    charge_json,
+    open_regular,
+    read_regular,
+    remove_unfinished,
+    write_whole,
+)
 from solari_vk.base.folder_lock import lock_folder
 from solari_vk.data.datasets.tasks import File, RenderTask
 from solari_vk.renderers.cluster.device_session import OneDevice, pack
@@ -39,9 +48,13 @@ class Journal:
         self._files: dict[str, dict[str, str]] = {}  # by the keys of the tasks
         # Through JSON and back, so that it can be compared with what was read: tuples become lists.
         head = json.loads(_as_json({"made_of": made_of}))
-        lines = self._read_lines()
-        if not lines:
-            self._append(json.dumps(head, sort_keys=True) + "\n")
+        begin = json.dumps(head, sort_keys=True) + "\n"
+        *lines, rest = self._read().split(b"\n")
+        # A process that was killed left a part of the first line, or of a later one. Only a journal is cut, so that no
+        # other file of this name loses anything.
+        if not lines and begin.encode().startswith(rest):
+            self._cut(0)
+            self._append(begin)
             return
         try:
             first, *others = [json.loads(line) for line in lines]
@@ -55,30 +68,43 @@ class Journal:
                 f"{path.parent}: its pictures were made with another {', another '.join(different)}: give another "
                 f"folder, or remove {path}"
             )
+        if rest:
+            self._cut(sum(len(line) + 1 for line in lines))
 
     @property
     def folder(self) -> Path:
         """Where the files are."""
         return self._path.parent
 
-    def _read_lines(self) -> list[bytes]:
-        try:
-            *lines, rest = self._path.read_bytes().split(b"\n")
-            # A process that was killed left a part of a line. It is cut off, so that the next line begins a new one.
-            if rest:
-                os.truncate(self._path, sum(len(line) + 1 for line in lines))
-        except FileNotFoundError:
-            return []
-        except OSError as error:
-            raise SolariError(f"{self._path}: can't be read: {error}") from None
-        return lines
+    def _read(self) -> bytes:
+        if not os.path.lexists(self._path):
+            return b""
+        with load_budget():
+            data = read_regular(self._path, str(self._path), follow=False)
+            charge_json(data, str(self._path))
+        return data
+
+    def _cut(self, length: int) -> None:
+        with self._opened() as file:
+            file.truncate(length)
 
     def _append(self, text: str) -> None:
+        with self._opened() as file:
+            file.write(text.encode())
+
+    @contextmanager
+    def _opened(self) -> Iterator[BinaryIO]:
         try:
-            with open(self._path, "a", encoding="utf-8") as file:
-                file.write(text)
+            with open(os.open(self._path, os.O_WRONLY | os.O_APPEND | os.O_CREAT | NO_LINK, 0o666), "ab") as file:
+                yield file
         except OSError as error:
             raise cannot_be("written", self._path, error) from None
+
+    def remove(self, tasks: Sequence[RenderTask]) -> None:
+        """Remove the tasks' files and the journal, which is of no use then; the lock stays until the object is gone."""
+        for name in (*(name for task in tasks for name in task.files), self._path.name):
+            with suppress(OSError):
+                (self.folder / name).unlink()
 
     def check(self, tasks: Sequence[RenderTask]) -> None:
         """Raise SolariError if a task would replace a file that is in the folder as that of another one."""
@@ -206,7 +232,7 @@ def _plain(value: Any) -> Any:
 
 def _sha256(path: Path) -> str:
     try:
-        with open(path, "rb") as file:
+        with open_regular(path, str(path), follow=False) as file:
             return hashlib.file_digest(file, "sha256").hexdigest()
-    except OSError:
+    except SolariError:
         return ""

@@ -26,7 +26,7 @@ from solari_vk.data.annotate.optical_flow import OUTSIDE, Flow, optical_flow
 from solari_vk.data.annotate.silhouettes import trace_silhouettes
 from solari_vk.data.randomize.randomizer import Randomizer
 from solari_vk.data.sensors.sensor import Sensor
-from solari_vk.output.picture import WITH_LAYERS, save_image, write_npy
+from solari_vk.output.picture import WITH_LAYERS, write_npy, write_picture
 from solari_vk.passes.reference import numbered_seed
 from solari_vk.renderers.accumulator import FrameAccumulator
 from solari_vk.renderers.cluster.device_session import DeviceSession
@@ -231,7 +231,7 @@ class RenderTask:
         if self.style.sensor is not None:
             seed = numbered_seed(self.style.seed, number)
             layers[RAW] = self.style.sensor.expose(results["radiance"], view.camera, seed=seed)
-        save_image(
+        write_picture(
             folder / view.name,
             results["radiance"],
             exposure=view.camera.exposure,

@@ -11,8 +11,9 @@ from typing import Any, NoReturn
 import numpy as np
 from numpy.typing import NDArray
 
-from solari_vk.base.errors import Hints, SolariError, unknown_name
-from solari_vk.base.files import read_json
+from solari_vk.base.budget import charge, load_budget
+from solari_vk.base.errors import Hints, SolariError, quoted, unknown_name
+from solari_vk.base.files import read_json, read_npy
 from solari_vk.data.datasets.dataset import NAME, cameras_for
 from solari_vk.data.datasets.tasks import TRACED
 from solari_vk.scene.images.image_files import read_pixels
@@ -51,9 +52,13 @@ class Views(Hints):
         try:
             self._frames: list[dict[str, Any]] = list(data["frames"])
             self.size: tuple[int, int] = (int(data["w"]), int(data["h"]))
+            if min(self.size) < 1:
+                raise ValueError(f"a size of {self.size}")
             self._known = ("rgb", *data["layers"])
+            # Here, so that no sample fails later for what is wrong in this file.
+            self._paths = [self._checked({"rgb": frame["file_path"], **frame["layer_paths"]}) for frame in self._frames]
             suffix = Path(self._frames[0]["file_path"]).suffix
-        except (KeyError, TypeError, ValueError, IndexError) as error:
+        except (KeyError, TypeError, ValueError, IndexError, AttributeError) as error:
             raise SolariError(f"{path}: isn't one that `solari-vk dataset` wrote: {error!r}") from None
         if suffix not in PICTURES:
             raise SolariError(f"{path}: its pictures are {suffix} files: Views reads {', '.join(PICTURES)}")
@@ -75,11 +80,11 @@ class Views(Hints):
 
     def __getitem__(self, number: int) -> Sample:
         # The list's own IndexError ends `for` loops over views, as Python's sequences do.
-        frame = self._frames[operator.index(number)]
-        paths = {"rgb": frame["file_path"], **frame["layer_paths"]}
+        paths = self._paths[operator.index(number)]
         read = {name: self._read(self.folder / paths[name]) for name in self.names if name not in OF_COCO}
         if self._coco:
-            read |= self._things(frame["file_path"])
+            with load_budget():
+                read |= self._things(paths["rgb"])
         return Sample({name: read[name] for name in self.names})
 
     def _read_coco(self) -> dict[str, list[dict[str, Any]]]:
@@ -100,10 +105,13 @@ class Views(Hints):
         try:
             found = self._coco[file_name]
             boxes = np.array([one["bbox"] for one in found], np.float32).reshape(-1, 4)
+            charge(len(found) * width * height, str(self.folder / COCO), "the masks of a view")
             masks = np.zeros((len(found), width, height), np.bool_)
             for mask, one in zip(masks, found, strict=True):
                 # Column by column, beginning outside.
                 runs = one["segmentation"]["counts"]
+                if sum(runs) != mask.size:
+                    raise ValueError("a mask of another size")
                 mask.ravel()[:] = np.repeat(np.arange(len(runs)) % 2 == 1, runs)
             labels = np.array([one["category_id"] for one in found], np.int64)
         except (KeyError, TypeError, ValueError) as error:
@@ -111,15 +119,18 @@ class Views(Hints):
         boxes[:, 2:] += boxes[:, :2]
         return dict(zip(OF_COCO, (boxes, labels, masks.swapaxes(1, 2)), strict=True))
 
+    def _checked(self, paths: dict[str, str]) -> dict[str, str]:
+        """The files of a view by layer. ValueError for one outside the folder: it is a data set of anybody's."""
+        for name in self._known:
+            if Path(paths[name]).is_absolute() or ".." in Path(paths[name]).parts:
+                raise ValueError(f"{quoted(paths[name])} is outside the folder")
+        return paths
+
     def _read(self, file: Path) -> NDArray[Any]:
         # Codes of 8 bits become 0 to 1; their alpha, which pictures of a data set don't use, is left out.
         if file.suffix != ".npy":
             return (read_pixels(file)[..., :3] / np.float32(255)).astype(np.float32)
-        # Without pickle, which np.load refuses by default: a data set from elsewhere runs no code.
-        try:
-            return np.asarray(np.load(file))
-        except (OSError, ValueError, EOFError) as error:
-            raise SolariError(f"{file}: can't be read: {error}") from None
+        return read_npy(file, f"{file}")
 
     def objects(self, number: int) -> list[dict[str, Any]]:
         """The boxes in space of a view, as `--annotations objects` writes them."""

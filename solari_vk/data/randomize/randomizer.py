@@ -14,8 +14,9 @@ from typing import Any
 
 import numpy as np
 
+from solari_vk.base.budget import load_budget
 from solari_vk.base.errors import SolariError
-from solari_vk.base.files import read_regular
+from solari_vk.base.files import open_regular, read_regular
 from solari_vk.data.randomize.draws import stream
 from solari_vk.data.randomize.recipe import Recipe, check_recipe, files_of
 from solari_vk.scene.checks import check_whole
@@ -23,6 +24,7 @@ from solari_vk.scene.collection import Items
 from solari_vk.scene.model import Camera, Instance, Scene
 from solari_vk.scene.observable import Checked
 
+LARGEST_RECIPE = 2**20  # bytes: PyYAML reads some 100 KB a second
 FUNCTIONS = ("prepare", "randomize", "camera")
 
 
@@ -52,9 +54,12 @@ class Randomizer:
         file = Path(path).absolute()
         check_whole(f"{path}: seed:", seed)
         try:
-            text = read_regular(file, f"{path}").decode()
+            with load_budget():
+                text = read_regular(file, f"{path}", LARGEST_RECIPE + 1).decode()
         except UnicodeDecodeError:
             raise SolariError(f"{path}: isn't text: give a .yaml or a .py file") from None
+        if len(text) > LARGEST_RECIPE:
+            raise SolariError(f"{path}: a recipe has at most {LARGEST_RECIPE >> 20} MiB")
         if file.suffix == ".py":
             _functions(str(file), text)
             return cls(str(file), text, seed)
@@ -62,8 +67,8 @@ class Randomizer:
         # With the hashes a worker, or a later run into the same folder, notices that a picture was replaced.
         sums = []
         for name in files_of(recipe):
-            data = read_regular(file.parent / name, f"{path}: {name}")
-            sums.append((name, hashlib.sha256(data).hexdigest()))
+            with open_regular(file.parent / name, f"{path}: {name}") as picture:
+                sums.append((name, hashlib.file_digest(picture, "sha256").hexdigest()))
         return cls(str(file), text, recipe.get("seed", seed), tuple(sums))
 
     @property
@@ -109,7 +114,8 @@ def _read(path: str, text: str) -> Any:
     except ImportError:
         raise SolariError(f"{path}: YAML is read by the package pyyaml: pip install solari-vk[dataset]") from None
     who = Path(path).name
-    recipe = read_yaml(text, who)
+    with load_budget():
+        recipe = read_yaml(text, who)
     check_recipe(recipe, who)
     return recipe
 

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solari_vk.base.errors import SolariError
-from solari_vk.base.files import write_whole
+from solari_vk.base.files import followed, write_whole
 from solari_vk.output.picture import write_npy
 
 Floats = NDArray[np.float64]
@@ -82,9 +82,9 @@ class LidarScan:
         target = Path(path)
         points = self.points
         if target.suffix.lower() == ".npy":
-            write_npy(target, points)
+            write_npy(followed(target), points)
         elif target.suffix.lower() == ".ply":
-            write_whole(target, _ply(points))
+            write_whole(followed(target), _ply(points))
         else:
             raise SolariError(f"{target}: point clouds are written as .ply or .npy, not '{target.suffix}'")
 

@@ -10,7 +10,7 @@ from typing import ClassVar
 
 import solari_vk as sv
 from solari_vk.base.errors import SolariError, unknown_name
-from solari_vk.base.files import make_folder
+from solari_vk.base.files import followed, make_folder
 from solari_vk.bound.projection import Projection
 from solari_vk.cli.jobs import DeviceOptions, SceneOptions
 from solari_vk.cli.loading import load_scene
@@ -135,7 +135,7 @@ def render(device: Device, scenario: Scenario, path: Path, job: FidelityJob, den
             codes = fidelity.codes(radiance, job.tonemap, coverage, backdrop(scene.environment, camera, size))
     finally:
         renderer.close()
-    write_codes(path, codes)
+    write_codes(followed(path), codes)
     print(
         f"wrote {path}: {size[0]}x{size[1]}, {samples} samples a pixel{', denoised' if denoise else ''}",
         file=sys.stderr,

@@ -10,7 +10,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from solari_vk.base.errors import SolariError
-from solari_vk.base.files import check_writable, write_whole
+from solari_vk.base.files import check_writable, followed, write_whole
 from solari_vk.lab.conformance.children import measure_in_child
 from solari_vk.lab.conformance.outcomes import RED, Check
 from solari_vk.lab.conformance.report import Report
@@ -59,7 +59,7 @@ def run(
     print(f"\n{report.text()}")
     for path, text in ((junit, report.junit), (markdown, report.markdown), (html, report.html)):
         if path is not None:
-            write_whole(path, text())
+            write_whole(followed(path), text())
             print(f"wrote {path}")
     return int(interrupted or any(outcome.status in RED for outcome in results.outcomes))
 

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
-from solari_vk.base.files import check_writable, write_whole
+from solari_vk.base.files import check_writable, followed, write_whole
 from solari_vk.gpu.device.device import Device
 from solari_vk.lab.page import device_facts, head, host_load, markdown_table, text_table, wrapped
 
@@ -51,7 +51,7 @@ class Report:
         if self._path is not None:
             figures = ["", *markdown_table(("what", "measured", "remark"), self._figures, (1,))]
             lines = [*self._lines, *(figures if self._figures else ())]
-            write_whole(self._path, "\n".join(lines) + "\n")
+            write_whole(followed(self._path), "\n".join(lines) + "\n")
 
 
 @contextmanager

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from solari_vk.base.errors import SolariError, unknown_name
-from solari_vk.base.files import make_folder, make_temporary_folder, write_whole
+from solari_vk.base.files import followed, make_folder, make_temporary_folder, write_whole
 from solari_vk.lab.page import host_load, run_facts
 from solari_vk.lab.trial import scene_files
 from solari_vk.lab.trial.compare import Comparison, Goal, compare
@@ -90,7 +90,7 @@ def run(
             page.add(name, Comparison(failures={OURS: str(error)}), ())
         if markdown is not None:
             # Again after each scene, so that a run that is stopped leaves what it has.
-            write_whole(markdown, page.markdown())
+            write_whole(followed(markdown), page.markdown())
     return page
 
 

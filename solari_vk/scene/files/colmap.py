@@ -3,15 +3,19 @@
 
 from __future__ import annotations
 
+import math
 import os
-from collections.abc import Iterable, Mapping, Sequence
+import sys
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from itertools import islice
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
+from solari_vk.base.budget import charge, load_budget
 from solari_vk.base.errors import SolariError
-from solari_vk.base.files import make_folder, read_regular, write_whole
+from solari_vk.base.files import make_folder, read_regular, text_lines, write_whole
 from solari_vk.scene.camera import Camera
 from solari_vk.scene.matrices import quaternion_rotation
 
@@ -26,6 +30,9 @@ MODELS: Mapping[str, tuple[tuple[int, ...], bool]] = {
     "FULL_OPENCV": ((0, 1, 2, 3, 4, 5, 6, 7), False),
     "OPENCV_FISHEYE": ((0, 1, 2, 3), False),
 }
+_BYTES_PER_CAMERA = 2**13
+_MOST_WORDS = 20  # of a camera: its number, model and size, and at most 12 parameters
+_SHORTEST = 1e-100  # the least length of a quaternion, whose square is still a number
 CENTER = 0.5  # COLMAP's position of the first pixel's center, which is 0 in OpenCV
 
 
@@ -42,15 +49,19 @@ def load_colmap(folder: str | os.PathLike[str]) -> list[ColmapImage]:
 
     Raises SolariError for a file that can't be read, a model that isn't in MODELS, and a wrong line.
     """
+    with load_budget():
+        return _load(Path(folder) / "cameras.txt", Path(folder) / "images.txt")
+
+
+def _load(cameras: Path, path: Path) -> list[ColmapImage]:
     lenses = {}
     found = []
-    path = Path(folder) / "cameras.txt"
-    for number, line in _lines(path):
+    for number, line in _lines(cameras):
         if line:
-            words = line.split()
-            lenses[words[0]] = path, number, words[1:]
-    path = Path(folder) / "images.txt"
-    for number, line in _lines(path)[::2]:  # a line of an image's points follows its own
+            words = line.split(maxsplit=_MOST_WORDS)
+            charge(_BYTES_PER_CAMERA + 2 * sys.getsizeof(line), str(cameras), "its cameras")
+            lenses[words[0]] = cameras, number, words[1:]
+    for number, line in islice(_lines(path), 0, None, 2):  # a line of an image's points follows its own
         words = line.split(maxsplit=9)
         if not words:
             continue
@@ -63,20 +74,21 @@ def load_colmap(folder: str | os.PathLike[str]) -> list[ColmapImage]:
             raise SolariError(
                 f"{path}, line {number}: an image is IMAGE_ID QW QX QY QZ TX TY TZ CAMERA_ID NAME, not '{line[:80]}'"
             ) from None
-        if not any((w, x, y, z)):
-            raise SolariError(f"{path}, line {number}: the quaternion QW QX QY QZ is 0")
         if camera_id not in lenses:
             raise SolariError(f"{path}, line {number}: there is no camera {camera_id} in cameras.txt")
-        length = float(np.linalg.norm((w, x, y, z)))
+        length = math.hypot(w, x, y, z)
+        if not _SHORTEST < length < math.inf:
+            raise SolariError(f"{path}, line {number}: the quaternion QW QX QY QZ is no rotation: export it again")
         rotation = quaternion_rotation(x / length, y / length, z / length, w / length)
+        charge(_BYTES_PER_CAMERA + 2 * sys.getsizeof(line), str(path), "its images")
         found.append(_image(name, rotation, shift, *lenses[camera_id]))
     return found
 
 
-def _lines(path: Path) -> list[tuple[int, str]]:
-    text = read_regular(path, str(path)).decode(errors="replace")
-    lines = [(number, line.strip()) for number, line in enumerate(text.splitlines(), 1)]
-    return [(number, line) for number, line in lines if not line.startswith("#")]
+def _lines(path: Path) -> Iterator[tuple[int, str]]:
+    for number, line in text_lines(read_regular(path, str(path)), str(path)):
+        if not line.lstrip().startswith("#"):
+            yield number, line.strip()
 
 
 def _image(
@@ -135,11 +147,14 @@ def save_colmap(
         # An empty second line: no points of the picture.
         images.append(f"{number} {pose} {lens} {name}\n\n")
     make_folder(Path(folder))
+    points = Path(folder) / "points3D.txt"
+    if points.exists() and points.stat().st_size > 0:
+        raise SolariError(f"{points}: has the points of another model, which would be lost: give another folder")
     lines = (f"{number} {lens}\n" for lens, number in lenses.items())
     write_whole(Path(folder) / "cameras.txt", "# CAMERA_ID MODEL WIDTH HEIGHT PARAMS[]\n" + "".join(lines))
     header = "# IMAGE_ID QW QX QY QZ TX TY TZ CAMERA_ID NAME\n# POINTS2D[] as X Y POINT3D_ID\n"
     write_whole(Path(folder) / "images.txt", header + "".join(images))
-    write_whole(Path(folder) / "points3D.txt", "")
+    write_whole(points, "")
 
 
 def check_colmap(cameras: Iterable[Camera], size: tuple[int, int]) -> None:

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 import os
 import re
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -16,11 +17,12 @@ import numpy as np
 
 from solari_vk.base.budget import BudgetError, charge
 from solari_vk.base.errors import SolariError, quoted
-from solari_vk.base.files import read_regular
+from solari_vk.base.files import read_regular, text_lines
 from solari_vk.scene.images import image_files
 from solari_vk.scene.model import Material, TextureImage
 
 LARGEST_FILE = 2**26
+_BYTES_PER_FIELD = 150
 _BYTES_PER_MATERIAL = 2**14
 _KNOWN = {"kd", "ke", "ns", "pr", "pm", "ni", "d", "tr"}
 _HARMLESS = {"ka", "illum", "sharpness"}  # for rasterizers without shadows
@@ -46,15 +48,16 @@ class MtlFiles:
     def get(self, name: str) -> bytes:
         """Read a file's materials. The result is the file without all but their names, for the reader of the .obj."""
         try:
-            text = self._read(name).decode("utf-8", "replace")
+            data = self._read(name)
         except BudgetError:
             raise
         except SolariError as error:
             self.failures.append(f"materials are replaced by a gray one: {error}")
             return b""
         fields: dict[str, dict[str, str]] = {}
-        for line in text.splitlines():
+        for _, line in text_lines(data, name):
             key, value = (*line.split(None, 1), "", "")[:2]
+            charge(_BYTES_PER_FIELD + 2 * sys.getsizeof(line), name, "its materials")
             if key == "newmtl":
                 current = fields.setdefault(" ".join(value.split()), {})
             elif fields:

@@ -10,7 +10,7 @@ from support.files import files_limited_to
 import solari_vk as sv
 from solari_vk.data.cluster import RenderTask, Style, View, render_tasks
 from solari_vk.data.datasets import tasks as tasks_module
-from solari_vk.output.picture import save_image
+from solari_vk.output.picture import write_picture
 
 SIZE = 24, 16
 
@@ -23,12 +23,12 @@ def tasks(folder, count=4):
 
 def fill_disk():
     """Runs in workers."""
-    tasks_module.save_image = save_on_full_disk
+    tasks_module.write_picture = save_on_full_disk
 
 
 def empty_disk():
     """Runs in workers."""
-    tasks_module.save_image = save_image
+    tasks_module.write_picture = write_picture
 
 
 def running(dask_worker):
@@ -38,7 +38,7 @@ def running(dask_worker):
 
 def save_on_full_disk(*arguments, **options):
     with files_limited_to(1000):
-        save_image(*arguments, **options)
+        write_picture(*arguments, **options)
 
 
 @pytest.mark.parametrize("shared", [True, False], ids=["workers write", "files come back"])

@@ -8,6 +8,8 @@ import json
 import os
 import re
 import struct
+import sys
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 from urllib.parse import unquote, unquote_to_bytes
@@ -23,6 +25,8 @@ from solari_vk.scene.files.gltf.values import Entry, WholeFileError, clean, show
 
 Bytes = NDArray[np.uint8]
 LARGEST_JSON = 256 * 2**20
+_LONGEST_NAME = 3 * 4096  # of a file, each byte in percent encoding
+_PIECE = 2**16
 # glTF 2.0, 4.4 (GLB): the ASCII letters "glTF", "JSON" and "BIN\0" as little-endian numbers.
 _GLB_MAGIC = 0x46546C67
 _JSON_CHUNK = 0x4E4F534A
@@ -244,6 +248,8 @@ class Document:
     def resource_path(self, entry: Entry) -> Path:
         """The file that an object's 'uri' names, which must be inside the glTF's own folder."""
         uri = entry.text("uri")
+        if len(uri) > _LONGEST_NAME:
+            raise entry.error(f"has a 'uri' that no file can have: {shown(uri[:_LONGEST_NAME])}")
         folder = Path(os.path.realpath(self.path)).parent
         # Some exporters don't percent-encode names, so the name is tried as it is written, too.
         for name in dict.fromkeys((unquote(uri), uri)):
@@ -295,18 +301,38 @@ def _exists(path: Path) -> bool:
 
 def _decode_data_uri(uri: str, entry: Entry) -> NDArray[np.uint8]:
     """The bytes of a URI that contains its data."""
+    entry.charge(0, "its data", working=2 * sys.getsizeof(uri))
     header, comma, body = uri.partition(",")
     try:
         if not comma:
             raise ValueError
         if header.lower().endswith(";base64"):
             # Base64 has no percent signs, but some programs encode its + and /.
-            body = unquote(body) if "%" in body else body
+            entry.charge(3 * len(body) // 4, "its data", working=3 * sys.getsizeof(body))
+            text = b"".join(_unquoted(body))
             # Padding is often missing.
-            return np.frombuffer(base64.b64decode(body + "=" * (-len(body) % 4), validate=True), np.uint8)
-        return np.frombuffer(unquote_to_bytes(body), np.uint8)
+            return np.frombuffer(base64.b64decode(text + b"=" * (-len(text) % 4), validate=True), np.uint8)
+        found = bytearray()
+        for piece in _unquoted(body):
+            entry.charge(
+                len(piece), "its data", working=len(found) // 8 + sys.getsizeof(body)
+            )  # a bytearray has some to spare
+            found += piece
+        return np.frombuffer(found, np.uint8)
     except (ValueError, binascii.Error):
         raise entry.error("has a data URI that is not valid base64; export the file again") from None
+
+
+def _unquoted(text: str) -> Iterator[bytes]:
+    """The bytes of a text with percent signs, in pieces, because the part behind each sign is an object for a while."""
+    start = 0
+    while start < len(text):
+        end = start + _PIECE
+        # A piece doesn't end within the three characters of a byte.
+        sign = text.rfind("%", end - 2, end)
+        end = end if sign < 0 else sign
+        yield unquote_to_bytes(text[start:end])
+        start = end
 
 
 def _meshopt_part(entry: Entry) -> Entry | None:

@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
+import itertools
 import json
+import os
 import struct
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
-from urllib.parse import quote
+from urllib.parse import quote, unquote
 
 import numpy as np
 from numpy.typing import NDArray
 
 from solari_vk.base.errors import SolariError, warn
-from solari_vk.base.files import write_both, write_whole
+from solari_vk.base.files import followed, read_json, write_both, write_whole
 
 LARGEST_GLB = 2**32 - 2**20  # bytes, which the file counts in 32 bits
 # The codes of glTF 2.0, 3.6.2.2 (componentType) and 5.11 (target), which are OpenGL's.
@@ -87,6 +89,7 @@ class Content:
 
     def write(self, path: Path) -> None:
         """Write a .glb, or a .gltf with its .bin, and warn of each kind of loss."""
+        path = followed(path)
         binary = b"".join(self._data)
         buffer: dict[str, Any] = {"byteLength": len(binary)} if binary else {}
         if path.suffix.lower() == ".glb":
@@ -96,7 +99,7 @@ class Content:
                 raise SolariError(f"{path}: a .glb file holds 4 GiB at most: save a .gltf file")
             write_whole(path, glb(text, binary))
         elif binary:
-            data_path = path.with_suffix(".bin")
+            data_path = data_path_of(path)
             buffer["uri"] = quote(data_path.name)
             # Both files or none: a .gltf without its .bin is lost.
             write_both((path, _text(self.json | {"buffers": [buffer]})), (data_path, binary))
@@ -106,6 +109,23 @@ class Content:
             more = len(places) - _PLACES_SHOWN
             named = ", ".join(list(places)[:_PLACES_SHOWN]) + (f" and {more} more" if more > 0 else "")
             warn(f"{path}: {what}: {named}")
+
+
+def data_path_of(path: Path) -> Path:
+    """Where the buffer of a .gltf file is written: a file that isn't there yet, or that the file at `path` has as its
+    buffer already. The user hasn't given this name, so that nothing else of this name is replaced."""
+    known = {unquote(uri) for uri in _buffers_of(path)}
+    numbered = (path.with_name(f"{path.stem}-{number}.bin") for number in itertools.count(2))
+    candidates = itertools.chain([path.with_suffix(".bin")], numbered)
+    return next(file for file in candidates if file.name in known or not os.path.lexists(file))
+
+
+def _buffers_of(path: Path) -> list[str]:
+    """What a .gltf file that is there names as its buffers."""
+    try:
+        return [str(buffer["uri"]) for buffer in read_json(path, str(path))["buffers"]]
+    except (SolariError, TypeError, KeyError):
+        return []
 
 
 def glb(text: bytes, binary: bytes) -> bytes:

@@ -5,12 +5,12 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from solari_vk.base.files import check_writable
+from solari_vk.base.files import check_writable, followed
 from solari_vk.scene.animation.clip import Animation
 from solari_vk.scene.files.formats import writes
 from solari_vk.scene.files.gltf.materials import VARIANTS
 from solari_vk.scene.files.gltf.saving.clips import RigNodes
-from solari_vk.scene.files.gltf.saving.content import Content
+from solari_vk.scene.files.gltf.saving.content import Content, data_path_of
 from solari_vk.scene.files.gltf.saving.nodes import Nodes, node_extras
 from solari_vk.scene.files.gltf.saving.shapes import Shapes, Variants
 from solari_vk.scene.files.gltf.saving.skies import add_sky
@@ -25,7 +25,7 @@ def save_gltf(scene: Scene, path: Path) -> None:
     """`Scene.save`."""
     check_writable(path)
     if path.suffix.lower() == ".gltf":
-        check_writable(path.with_suffix(".bin"))
+        check_writable(data_path_of(followed(path)))
     content = Content()
     _Writer(content).add(scene)
     content.write(path)
