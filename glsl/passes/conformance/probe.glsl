@@ -46,8 +46,7 @@ void run_probe(uint index) {
             answer.box_candidates++;
             if (rayQueryGetIntersectionCandidateAABBOpaqueEXT(query)) answer.opaque_boxes++;
             if ((probe.action & GENERATE_AT) != 0u) {
-                float nearer = (probe.action & NEARER) != 0u ? float(answer.box_candidates - 1u) : 0.0;
-                rayQueryGenerateIntersection(query, probe.parameter - nearer);
+                rayQueryGenerateIntersection(query, generated_t(probe, answer.box_candidates - 1u));
             }
             if ((probe.action & GENERATE_SPHERE) != 0u) {
                 vec3 center = ball_center(candidate.primitive_index);

@@ -49,4 +49,12 @@ float sphere_t(vec3 origin, vec3 direction, vec3 center, float t_min) {
 // The center of an AABB's ball in object space: box i spans [2 i, 2 i + 1] in x, [0, 1] in y and z.
 vec3 ball_center(uint primitive) { return vec3(2.0 * float(primitive) + 0.5, 0.5, 0.5); }
 
+// Where GENERATE_AT generates a hit in a box after this many others.
+float generated_t(Probe probe, uint boxes_before) {
+    float t = probe.parameter;
+    if ((probe.action & NEARER) != 0u) { t -= float(boxes_before); }
+    if ((probe.action & FARTHER) != 0u) { t += float(boxes_before); }
+    return t;
+}
+
 #endif

@@ -19,6 +19,8 @@ TERMINATE = 16
 
 NEARER = 32
 """With GENERATE_AT: each hit is 1 nearer than the previous one, so that the last one is committed."""
+FARTHER = 64
+"""With GENERATE_AT: each hit is 1 farther than the previous one, so that the first one stays committed."""
 STEP_LIMIT = 4096
 """Not a bit: a probe stops after this many candidates, so that an endless traversal is reported instead of hanging."""
 

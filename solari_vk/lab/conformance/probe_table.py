@@ -9,6 +9,7 @@ from solari_vk.gpu.frame.ray_query_constants import RayFlags
 from solari_vk.lab.conformance.probe_actions import (
     CONFIRM,
     CONFIRM_ODD,
+    FARTHER,
     GENERATE_AT,
     GENERATE_SPHERE,
     NEARER,
@@ -348,6 +349,15 @@ CALLS = [
         "boxes",
         Expected(GENERATED, 48.0, primitive=None),
         **_hits_at(50.0, NEARER),
+        candidates=3,
+        **_ALONG_X,
+    ),
+    Probe(
+        "generated ever farther",
+        _generate,
+        "boxes",
+        Expected(GENERATED, 50.0, primitive=None),
+        **_hits_at(50.0, FARTHER),
         candidates=3,
         **_ALONG_X,
     ),

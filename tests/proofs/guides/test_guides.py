@@ -160,6 +160,9 @@ MIRRORS = {
 }
 
 
+UNEVEN = place(1.0, (0, 0, 0), 0.7) @ np.diag((2.0, 1.0, 0.5, 1.0)) @ place(1.0, (0, 0, 0), 0.4)
+
+
 def placed(name, moved):
     """World from a camera and from the mirrors before it, whose normal is their z axis, all moved by centimeters."""
     aside = moved * np.array((0.04, -0.03, 0.02))
@@ -235,7 +238,9 @@ def measure_mirrors(device, name):
     behind = [np.linalg.inv(chain) @ camera for chain, (camera, _) in zip(reflections, steps, strict=True)]
     scene = sv.Scene()
     seen = things()
-    pane = shapes.quad((0, 0, 0), (1, 0, 0), (0, 1, 0))
+    # Each mirror is a tilted pane of an instance that is scaled unevenly: its normal turns unlike its edges.
+    sides = np.linalg.inv(UNEVEN)[:3, :2].T
+    pane = shapes.quad((0, 0, 0), *sides)
     for thing in seen:
         scene.add(thing).update(transform=behind[1] @ thing.transform)
     mirrors = [scene.add(pane, MIRROR) for _ in MIRRORS[name]]
@@ -244,7 +249,7 @@ def measure_mirrors(device, name):
         for box, (camera, transforms) in zip(boxes, steps, strict=True):
             seen[-1].update(transform=box)
             for mirror, at in zip(mirrors, transforms, strict=True):
-                mirror.update(transform=at)
+                mirror.update(transform=at @ UNEVEN)
             frame = renderer.render(_camera(camera))
         in_mirrors = read(frame)
         for mirror in mirrors:
@@ -385,6 +390,17 @@ test_a_seeded_bug_is_noticed = bug_tests(
         "motion in mirrors": (
             measure_one_mirror,
             Bug(MIRRORS_FILE, "previous_hit_position", "return world_position + 0.1;"),
+        ),
+        "previous normals of mirrors": (
+            measure_one_mirror,
+            Bug(
+                MIRRORS_FILE,
+                "previous_plane",
+                """SurfacePlane plane_before = correct(instance_index, plane);
+        vec3 object_normal = plane.normal * mat3(instances.at[instance_index].world_from_object);
+        mat3 turn = mat3(previous_instances.at[instance_index].world_from_object);
+        return SurfacePlane(plane_before.point, normalize(turn * object_normal));""",
+            ),
         ),
         "clear walls": (measure_wall, NO_WALLS),
         LAMP: (

@@ -35,6 +35,7 @@ BLACK = Rule("a color channel of 0 stays 0", *_0_18)
 CHOICE = Rule("lights are chosen by power, one half equally often, and their triangles by area")
 UNIQUE = Rule("the tiles of four frames hold no sample twice", *_0_17)
 SCROLL = Rule("samples are uncorrelated within tiles, between tiles and between frames", *_0_17)
+EVERYWHERE = Rule("pixels choose among all samples of a tile and among all tiles, equally often", *_0_17)
 CONTRIBUTION = Rule("a packed sample lights a floor as the light itself does", *_0_17)
 NOISE = Rule("choosing by tiles is no noisier than resolving each candidate")
 _MAX_Z = NormalDist().inv_cdf(0.9999)
@@ -190,6 +191,25 @@ def measure_contribution(device):
     yield Measurement(CONTRIBUTION, float(error.max()), 1.0, "of half a step", f"{there.sum()} pixels")
 
 
+def measure_places(device):
+    """Counts the tiles of groups, and the places in these that the single candidates of their pixels have."""
+    tiles, places = [], []
+    with make_renderer(device, lamps_above(EXPOSED[8:]), (32, 32), **ALONE, di_candidates=1) as renderer:
+        each, count = renderer.settings.light_tile_samples, renderer.settings.light_tile_count
+        for _ in range(16):
+            frame = renderer.render()
+            index_of = {sample.tobytes(): index for index, sample in enumerate(frame["light_tile_samples"])}
+            chosen = frame["di_reservoirs"]["light_sample"].reshape(4, 8, 4, 8).swapaxes(1, 2).reshape(16, 64)
+            for group in chosen:
+                found = np.array([index_of[s.tobytes()] for s in group if s["light_index"] != NO_INDEX], int)
+                tiles.extend(found[:1] // each)
+                places.extend(found % each)
+    for name, numbers, among, bins in (("tiles", tiles, count, 8), ("places", places, each, 32)):
+        observed = np.bincount(np.array(numbers) * bins // among, minlength=bins)
+        z = standard_deviations(chi_squared_p(observed, np.full(bins, len(numbers) / bins)))
+        yield Measurement(EVERYWHERE, z, _MAX_Z, "standard deviations", f"{name}: {len(numbers)}")
+
+
 def measure_noise(device):
     """Choosing by packed records gives direct light with the same variance as choosing by the lights themselves."""
     scene = lamps_above(np.geomspace(3.0, 300.0, 12)[:, None] * COLOR, lux=1000.0)
@@ -287,7 +307,7 @@ def test_pixels_of_a_group_share_a_tile(device):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("measure", [measure_tiles, measure_contribution, measure_noise])
+@pytest.mark.parametrize("measure", [measure_tiles, measure_places, measure_contribution, measure_noise])
 def test_rules_hold(device, measure):
     require(measure(device))
 
@@ -317,6 +337,16 @@ test_a_seeded_bug_is_noticed = bug_tests(
         CHOICE: (measure_tiles, seeding("pcg(gl_GlobalInvocationID.x % 1024u)")),  # all tiles are alike
         UNIQUE: (measure_tiles, seeding("pcg(gl_GlobalInvocationID.x + 1024u * this_frame.index)")),  # seeds are summed
         SCROLL: (measure_tiles, seeding("pcg(gl_GlobalInvocationID.x)")),  # all frames are alike
+        EVERYWHERE: (
+            measure_places,
+            Bug(
+                FILE,
+                "sample_light_candidate",
+                "uint halves = light_tiles.samples_each / 2u, index = tile * 2u * halves + rand_range_u(halves, rng); "
+                "return LightCandidate(light_tile_samples.at[index], unpack_light_sample(light_tiles.at[index]));",
+            ),
+        ),
+        "tiles: the first half of them": (measure_places, Bug(FILE, "choose_light_tile", "return correct(rng) / 2u;")),
         CONTRIBUTION: (
             measure_contribution,
             Bug("common/packing.glsl", "pack_radiance_log2_rgb9e5", "return correct(2.0 * radiance, exposure);"),

@@ -183,3 +183,43 @@ def test_an_unchecked_rule_is_noticed(run_case, device, rule):
     unchecked = f"return correct(kept || fault == FAULT_{rule.upper()}, fault);"
     with seeded(Bug("scene/ray_query_debug.glsl", "ray_query_rule", unchecked)), pytest.raises(AssertionError):
         check_cases(run_case, device, CASES, rule)
+
+
+# ---- hits behind the committed one ------------------------------------------------------------------
+
+COUNTING = """#version 460
+#extension GL_EXT_ray_query : require
+uint generated = 0u;
+#define rayQueryGenerateIntersectionEXT(query, t) generated++; rayQueryGenerateIntersectionEXT(query, t)
+#include "scene/ray_query.glsl"
+layout(local_size_x = 1) in;
+layout(set = 0, binding = 0) uniform accelerationStructureEXT tlas;
+layout(set = 1, binding = 0) buffer CountsBlock { uint at[]; } counts;
+void main() {
+    for (int way = 0; way < 3; way++) {
+        RAY_QUERY(query);
+        rayQueryInitialize(query, tlas, RayDesc(0u, 0xFFu, 1.0, 99.0, vec3(0.3, 0.3, 9.0), vec3(0.0, 0.0, -1.0)));
+        generated = 0u;
+        for (int box = 0; rayQueryProceed(query); box++) {
+            rayQueryGenerateIntersection(query, 50.0 + float(box * (way - 1)));
+        }
+        counts.at[way] = generated;
+    }
+}
+"""
+EVERY_HIT = Bug("scene/ray_query.glsl", "ray_query_generate", "rayQueryGenerateIntersectionEXT(query, hit_t);")
+
+
+@pytest.mark.parametrize("bugs", [(), (EVERY_HIT,)], ids=["right", "bug"])
+def test_no_hit_is_generated_behind_the_committed_one(device, world, tmp_path, bugs):
+    """Vulkan leaves undefined what such a call does: Mesa ignores it, so that hits alone can't tell. Counts the calls
+    where the hits of three boxes come nearer, stay, and go away."""
+    (tmp_path / "passes").mkdir()
+    (tmp_path / "passes/counting.comp").write_text(COUNTING)
+    boxes = [rt.Aabbs([[0, 0, 2 * i, 1, 1, 2 * i + 1] for i in range(3)])]
+    blas, tlas = world.blas(boxes), world.tlas()
+    world.build([rt.BlasBuildEntry(blas, boxes)], [rt.TlasPackage(tlas, [rt.TlasInstance(blas)])])
+    stage = Stage("counting", buffers={"counts": 3}, passes=[Pass("counting", 1)])
+    with seeded(*bugs), Frame(device, [stage], external={"tlas": tlas}, glsl_root=tmp_path) as frame:
+        frame.submit()
+        assert (frame["counts"].tolist() == [3, 3, 1]) == (not bugs)

@@ -169,8 +169,8 @@ USES = {  # which Tlases rays can't be traced through
     "ended": "Tlas ended: destroyed",
 }
 STATES = [  # which structures can't be built or compacted
-    (lambda s: s.build([s.entry(s.blas)], top(s.tlas, s.bare)), "Tlas top over Blas bare, which was not built"),
-    (lambda s: s.build((), top(s.tlas, s.gone)), "Tlas top over an instance of Blas gone, which was destroyed"),
+    (lambda s: s.build([s.entry(s.blas)], top(s.tlas, s.blas, s.bare)), "Tlas top over Blas bare, which was not built"),
+    (lambda s: s.build((), top(s.tlas, s.blas, s.gone)), "Tlas top over an instance of Blas gone, which was destroyed"),
     (lambda s: s.build([s.entry(s.gone)]), "build of Blas gone, which was destroyed"),
     (lambda s: s.call.submit(), "build of Blas gone, which was destroyed"),
     (lambda s: s.gone.ensure_storage(), "build of Blas gone, which was destroyed"),
@@ -204,7 +204,8 @@ def states(world, built):
     bare, gone, again = (world.blas(name=name) for name in ("bare", "gone", "again"))
     loose = world.blas(name="loose", allow_compaction=False)
     unbuilt, stale, orphan, ended = (world.tlas(name=name) for name in ("unbuilt", "stale", "orphan", "ended"))
-    world.build(map(entry, (loose, gone, again)), top(stale, again) + top(orphan, gone) + top(ended, blas))
+    # What is wrong is below the second instance, so that checks of the first one alone find nothing.
+    world.build(map(entry, (loose, gone, again)), top(stale, blas, again) + top(orphan, blas, gone) + top(ended, blas))
     for one in (blas, again):
         one.prepare_compaction()
     device.wait_idle()
@@ -273,6 +274,40 @@ def test_a_frame_checks_every_time(world, built):
         tlas.destroy()
         with refused("use of Tlas top, which was destroyed"):
             frame.submit()
+
+
+TWO = """#version 460
+#extension GL_EXT_ray_query : require
+layout(local_size_x = 1) in;
+layout(set = 0, binding = 0) uniform accelerationStructureEXT first;
+layout(set = 0, binding = 1) uniform accelerationStructureEXT second;
+layout(set = 0, binding = 2) buffer HitBlock { float at[]; } hits;
+void main() {
+    rayQueryEXT query;
+    rayQueryInitializeEXT(query, first, 1u, 0xFFu, vec3(0.5, 0.5, 5.0), 0.0, vec3(0.0, 0.0, -1.0), 9.0);
+    rayQueryProceedEXT(query);
+    hits.at[0] = rayQueryGetIntersectionTypeEXT(query, true) != 0u ? 1.0 : 0.0;
+    rayQueryInitializeEXT(query, second, 1u, 0xFFu, vec3(0.5, 0.5, 5.0), 0.0, vec3(0.0, 0.0, -1.0), 9.0);
+    rayQueryProceedEXT(query);
+    hits.at[1] = rayQueryGetIntersectionTypeEXT(query, true) != 0u ? 1.0 : 0.0;
+}
+"""
+
+
+def test_a_frame_checks_each_of_its_structures(world, built, tmp_path):
+    blas, tlas = built()
+    other, late = world.blas(name="other"), world.tlas(name="late")
+    (tmp_path / "passes").mkdir()
+    (tmp_path / "passes/two.comp").write_text(TWO)
+    stage = Stage("two", buffers={"hits": 2}, passes=[Pass("two", 1)])
+    for first, second in ((tlas, late), (late, tlas)):
+        with Frame(world.device, [stage], external={"first": first, "second": second}, glsl_root=tmp_path) as frame:
+            world.build([world.entry(other)], top(late, blas, other))
+            frame.submit()
+            assert (frame["hits"] == 1).all()
+            world.build([world.entry(other)])
+            with refused("use of Tlas late, built over Blas other, which was built again since"):
+                frame.submit()
 
 
 # ---- later changes ----------------------------------------------------------------------------------
