@@ -30,7 +30,7 @@ struct VertexAttributes {
 layout(buffer_reference, scalar, buffer_reference_align = 4) readonly buffer Positions { vec3 at[]; };
 layout(buffer_reference, scalar, buffer_reference_align = 4) readonly buffer Attributes { VertexAttributes at[]; };
 layout(buffer_reference, scalar, buffer_reference_align = 4) readonly buffer Triangles { uvec3 at[]; };
-layout(buffer_reference, scalar, buffer_reference_align = 4) readonly buffer SecondUvs { vec2 at[]; };
+layout(buffer_reference, scalar, buffer_reference_align = 4) readonly buffer MoreUvs { vec2 at[]; };
 layout(buffer_reference, scalar, buffer_reference_align = 4) readonly buffer Colors { vec4 at[]; };
 
 struct Mesh {
@@ -38,9 +38,12 @@ struct Mesh {
     Positions previous_positions;  // in the previous frame; the same buffer for a mesh that doesn't change its pose
     Attributes attributes;
     Triangles triangles;
-    SecondUvs second_uvs;
+    MoreUvs more_uvs;  // of the second set, of the third, and so on: each of all vertices
     Colors colors;
     uint triangle_count;
+    uint vertex_count;
+    uint more_uv_sets;   // besides the first one
+    uint tangent_frame;  // of the textures that the tangents fit; 0: they fit all
     uint flags;
     vec3 bounds_min;  // in object space
     vec3 bounds_max;
@@ -62,7 +65,8 @@ struct Instance {
 struct Texture {
     mat3x2 uv_transform;  // applied to (u, v, 1)
     uint image;           // into texture_images
-    uint uv_set;          // 0 or 1
+    uint uv_set;
+    uint tangent_frame;   // differs where the tangents along u do
 };
 
 // ---- lights -----------------------------------------------------------------------------------------

@@ -25,7 +25,7 @@ ResolvedMaterial without_lobes(BaseMaterial base, vec3 emissive) {
 // Sampled at the finest level for every ray, so that light samples and rays that hit the light see the same radiance.
 vec3 resolve_emissive(Material material, TexturePoint point) {
     if (material.emissive_texture == NO_INDEX) { return material.emissive; }
-    point.footprint_lod = point.second_footprint_lod = FINEST_LOD;
+    point.footprint_lod = FINEST_LOD;
     return material.emissive * sample_texture(material.emissive_texture, point).rgb;
 }
 

@@ -88,10 +88,12 @@ void make_unlit(inout ResolvedMaterial material) {
 
 // ---- normals ----------------------------------------------------------------------------------------
 
-// The tangent of a triangle from its uvs, for meshes without tangents, with the sign of the bitangent in w: in glTF the
-// bitangent points towards smaller v. Returns w = 0 where the uvs have no area.
-vec4 tangent_from_uvs(Mesh mesh, TrianglePoint point, uint uv_set, vec3 object_normal) {
+// The tangent of a triangle along the u of a texture, for meshes without tangents that fit it, with the sign of the
+// bitangent in w: in glTF the bitangent points towards smaller v. Returns w = 0 where the uvs have no area.
+vec4 tangent_from_uvs(Mesh mesh, TrianglePoint point, uint texture_index, vec3 object_normal) {
+    uint uv_set = texture_index == NO_INDEX ? 0u : textures.at[texture_index].uv_set;
     mat2 edges = uv_edges(mesh, point.vertices, uv_set);
+    if (texture_index != NO_INDEX) { edges = mat2(textures.at[texture_index].uv_transform) * edges; }
     vec2 uv_1 = edges[0], uv_2 = edges[1];
     float side = sign(uv_1.x * uv_2.y - uv_1.y * uv_2.x);
     vec3 along_u = side * (uv_2.y * point.object_edges[1] - uv_1.y * point.object_edges[2]);
@@ -121,14 +123,15 @@ mat3 resolve_tangents(
 ) {
     vec3 weights = vec3(1.0 - barycentrics.x - barycentrics.y, barycentrics);
     vec4 tangent;
-    if ((mesh.flags & MESH_HAS_TANGENTS) != 0u) {
+    bool fits = mesh.tangent_frame == 0u || texture_index == NO_INDEX
+        || mesh.tangent_frame == textures.at[texture_index].tangent_frame;
+    if (fits && (mesh.flags & MESH_HAS_TANGENTS) != 0u) {
         tangent.xyz = weights.x * mesh.attributes.at[point.vertices.x].tangent.xyz
             + weights.y * mesh.attributes.at[point.vertices.y].tangent.xyz
             + weights.z * mesh.attributes.at[point.vertices.z].tangent.xyz;
         tangent.w = mesh.attributes.at[point.vertices.x].tangent.w;
     } else {
-        uint uv_set = texture_index == NO_INDEX ? 0u : textures.at[texture_index].uv_set;
-        tangent = tangent_from_uvs(mesh, point, uv_set, cross(point.object_edges[1], point.object_edges[2]));
+        tangent = tangent_from_uvs(mesh, point, texture_index, cross(point.object_edges[1], point.object_edges[2]));
     }
     mat3 m = mat3(instance.world_from_object);
     tangent.w *= sign(dot(m[0], cross(m[1], m[2])));
@@ -165,13 +168,6 @@ vec3 bend_shading_normal(vec3 normal, vec3 geometric_normal, vec3 wo) {
 
 // ---- hits -------------------------------------------------------------------------------------------
 
-// The footprint's narrow axis: the long axis would blur at grazing angles, and a pixel's samples average along it.
-float footprint_lod(Mesh mesh, TrianglePoint point, uint uv_set, float cone_width) {
-    if (!has_uvs(mesh, uv_set)) { return 0.0; }
-    float uv_area = 0.5 * abs(determinant(uv_edges(mesh, point.vertices, uv_set)));
-    return 0.5 * log2(max(uv_area, 1e-30) / max(point.area, 1e-30)) + log2(max(cone_width, 1e-30));
-}
-
 // Resolves the surface at a hit. `cone_width` is the width of the ray cone there: Akenine-Moeller et al., "Texture
 // Level of Detail Strategies for Real-Time Ray Tracing" (Ray Tracing Gems, 2019) and "Improved Shader and Texture Level
 // of Detail Using Ray Cones" (JCGT 2021).
@@ -194,8 +190,10 @@ SurfaceInteraction resolve_surface_interaction(Hit hit, Mesh mesh, vec3 ray_dire
     surface.unlit = SCENE_UNLIT && (material.flags & MATERIAL_UNLIT) != 0u;
     surface.emits_towards_ray = !surface.unlit && (front_face || (material.flags & MATERIAL_DOUBLE_SIDED) != 0u);
 
-    point.texture_point.footprint_lod = footprint_lod(mesh, point, 0u, cone_width);
-    if (SCENE_SECOND_UVS) { point.texture_point.second_footprint_lod = footprint_lod(mesh, point, 1u, cone_width); }
+    float surface_lod = log2(max(cone_width, 1e-30)) - 0.5 * log2(max(point.area, 1e-30));
+    point.texture_point.surface_lod = surface_lod;
+    point.texture_point.footprint_lod =
+        has_uvs(mesh, 0u) ? footprint_lod(uv_edges(mesh, point.vertices, 0u), surface_lod) : 0.0;
     vec3 color = vertex_color(mesh, point.vertices, hit.barycentrics).rgb;
     surface.material = resolve_material(material, color, point.texture_point, front_face);
     vec3 smooth_normal = resolve_smooth_normal(mesh, point, hit.barycentrics);

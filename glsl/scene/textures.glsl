@@ -4,27 +4,31 @@
 
 #include "scene/bindings.glsl"
 
-// Where a surface point lies on its textures, for both sets of uvs: the coordinates, and the base-2 logarithm of the
-// width of the ray's footprint there.
+// Where a surface point lies on its textures.
 struct TexturePoint {
-    vec2 uv, second_uv;
-    float footprint_lod, second_footprint_lod;
+    vec2 uv;              // in the first set
+    float footprint_lod;  // the base-2 logarithm of the width of the ray's footprint there
+    float surface_lod;    // the same on the surface, over the square root of the triangle's area
+    // What textures of other sets need, in scenes that have some.
+    Mesh mesh;
+    uvec3 vertices;
+    vec2 barycentrics;
 };
 
 const float FINEST_LOD = -1000.0;
 
-// Textures of the second set use the first one on a mesh that has no second, in scenes with and without other meshes
-// that have one.
-bool uses_second_uvs(Mesh mesh, uint uv_set) {
-    return SCENE_SECOND_UVS && uv_set == 1u && (mesh.flags & MESH_HAS_SECOND_UVS) != 0u;
+// Textures of a set that a mesh lacks use the first one.
+bool uses_more_uvs(Mesh mesh, uint uv_set) {
+    return SCENE_SECOND_UVS && uv_set > 0u && uv_set <= mesh.more_uv_sets;
 }
 
 bool has_uvs(Mesh mesh, uint uv_set) {
-    return uses_second_uvs(mesh, uv_set) || (mesh.flags & MESH_HAS_UVS) != 0u;
+    return uses_more_uvs(mesh, uv_set) || (mesh.flags & MESH_HAS_UVS) != 0u;
 }
 
 vec2 vertex_uv(Mesh mesh, uint vertex, uint uv_set) {
-    return uses_second_uvs(mesh, uv_set) ? mesh.second_uvs.at[vertex] : mesh.attributes.at[vertex].uv;
+    if (uses_more_uvs(mesh, uv_set)) { return mesh.more_uvs.at[(uv_set - 1u) * mesh.vertex_count + vertex]; }
+    return mesh.attributes.at[vertex].uv;
 }
 
 // The edges of a triangle from its first vertex in a set of uvs; 0 without uvs.
@@ -40,11 +44,27 @@ vec2 interpolated_uv(Mesh mesh, uvec3 vertices, vec2 barycentrics, uint uv_set) 
     return vertex_uv(mesh, vertices.x, uv_set) + barycentrics.x * edges[0] + barycentrics.y * edges[1];
 }
 
+// The footprint's narrow axis: the long axis would blur at grazing angles, and a pixel's samples average along it.
+float footprint_lod(mat2 uv_edges, float surface_lod) {
+    float uv_area = 0.5 * abs(determinant(uv_edges));
+    return 0.5 * log2(max(uv_area, 1e-30)) + surface_lod;
+}
+
 // Without a footprint: textures are sampled at their finest level.
 TexturePoint texture_point(Mesh mesh, uvec3 vertices, vec2 barycentrics) {
-    vec2 uv = interpolated_uv(mesh, vertices, barycentrics, 0u), second_uv = vec2(0.0);
-    if (SCENE_SECOND_UVS) { second_uv = interpolated_uv(mesh, vertices, barycentrics, 1u); }
-    return TexturePoint(uv, second_uv, FINEST_LOD, FINEST_LOD);
+    vec2 uv = interpolated_uv(mesh, vertices, barycentrics, 0u);
+    return TexturePoint(uv, FINEST_LOD, FINEST_LOD, mesh, vertices, barycentrics);
+}
+
+// The point in another set of uvs than the first, if the mesh has it. Little code, since it is inlined at each texture.
+TexturePoint in_uv_set(TexturePoint point, uint uv_set) {
+    if (uv_set > point.mesh.more_uv_sets) { return point; }
+    uvec3 vertices = point.vertices + (uv_set - 1u) * point.mesh.vertex_count;
+    vec2 uv = point.mesh.more_uvs.at[vertices.x];
+    mat2 edges = mat2(point.mesh.more_uvs.at[vertices.y] - uv, point.mesh.more_uvs.at[vertices.z] - uv);
+    point.uv = uv + edges * point.barycentrics;
+    if (point.footprint_lod != FINEST_LOD) { point.footprint_lod = footprint_lod(edges, point.surface_lod); }
+    return point;
 }
 
 vec4 vertex_color(Mesh mesh, uvec3 vertices, vec2 barycentrics) {
@@ -56,16 +76,14 @@ vec4 vertex_color(Mesh mesh, uvec3 vertices, vec2 barycentrics) {
 
 vec4 sample_texture(uint texture_index, TexturePoint point) {
     Texture source = textures.at[texture_index];
-    bool second = SCENE_SECOND_UVS && source.uv_set == 1u;
-    vec2 uv = second ? point.second_uv : point.uv;
-    float footprint_lod = second ? point.second_footprint_lod : point.footprint_lod;
-    float lod = footprint_lod;
-    if (footprint_lod != FINEST_LOD) {
+    if (SCENE_SECOND_UVS && source.uv_set > 0u) { point = in_uv_set(point, source.uv_set); }
+    float lod = point.footprint_lod;
+    if (lod != FINEST_LOD) {
         vec2 scale = vec2(textureSize(texture_images[nonuniformEXT(source.image)], 0));
         float uv_scale = abs(determinant(mat2(source.uv_transform)));
         lod += 0.5 * log2(max(uv_scale * scale.x * scale.y, 1e-30));
     }
-    return textureLod(texture_images[nonuniformEXT(source.image)], source.uv_transform * vec3(uv, 1.0), lod);
+    return textureLod(texture_images[nonuniformEXT(source.image)], source.uv_transform * vec3(point.uv, 1.0), lod);
 }
 
 #endif

@@ -27,6 +27,7 @@ LARGEST_JSON = 2**26
 NO_LINK = getattr(os, "O_NOFOLLOW", 0)  # which Windows lacks
 _LINES_PER_LOOK = 4096
 _MAX_LINKS = 40  # in a row, as Linux follows them
+_LFS_POINTER = b"version https://git-lfs.github.com/spec/"
 _BYTES_PER_VALUE = 150  # of a value as a Python object with its place in a list or dict
 _UNFINISHED = re.compile(r"\.(.+)\.[0-9a-f]{16}(\.[^.]*)")  # the names of `_beside`
 _TRIAL = bytes(4096)  # a file of a few bytes may fit on a disk that is full
@@ -58,7 +59,12 @@ def read_regular(path: Path, who: str, length: int | None = None, *, follow: boo
         size = os.fstat(file.fileno()).st_size
         size = size if length is None else min(size, length)
         charge(size, who, "the file")
-        return file.read(size)
+        content = file.read(size)
+    if content.startswith(_LFS_POINTER):
+        raise SolariError(
+            f"{who}: a pointer of Git LFS, which stands for the file: get the file itself by `git lfs pull`"
+        )
+    return content
 
 
 def read_json(path: Path, who: str) -> Any:

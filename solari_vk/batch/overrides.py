@@ -14,6 +14,7 @@ from solari_vk.batch.view_cameras import array, check_all, check_transforms
 from solari_vk.bound.binder import SceneBinder
 from solari_vk.gpu.tensors.imports import DeviceTensor
 from solari_vk.scene.lights.portal import Portal
+from solari_vk.scene.matrices import thickened
 from solari_vk.scene.model import Instance, Light, Material
 from solari_vk.scene.observable import Checked, Observable
 
@@ -187,8 +188,9 @@ class TransformOverrides(Overrides[Instance, NDArray[np.float64]]):
     def _on_host(self, item: Instance, transforms: NDArray[np.float64]) -> NDArray[np.float64]:
         names = item.describe(), self.where, "world"
         check_all(np.isfinite(transforms), "be finite", *names)
+        transforms = thickened(transforms)
         check_transforms(transforms, *names)
-        return np.array(transforms)
+        return transforms
 
     def on_host(self, items: Iterable[Instance]) -> dict[Instance, NDArray[np.float64]]:
         """The transforms of these, from now on in the host's memory; waits for those of tensors."""

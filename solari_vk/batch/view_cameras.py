@@ -19,7 +19,8 @@ from solari_vk.bound.projection import FIELDS, Projection
 from solari_vk.gpu.frame.uniforms import packing
 from solari_vk.gpu.tensors.imports import DeviceTensor
 from solari_vk.scene import checks
-from solari_vk.scene.camera import exposure_of
+from solari_vk.scene.calibrated import plain_matrices
+from solari_vk.scene.camera import exposure_of, warn_of_mirroring
 from solari_vk.scene.lens import UNLIMITED
 from solari_vk.scene.model import Camera
 
@@ -173,12 +174,12 @@ def of_fov(fov: Floats, size: tuple[int, int]) -> tuple[Floats, Floats]:
 
 def of_matrices(K: Floats, size: tuple[int, int]) -> tuple[Floats, Floats]:
     """As `of_fov`, of matrices (N, 3, 3) as `Camera.from_opencv` reads them."""
+    K, is_plain = plain_matrices(K)
     fx = K[:, 0, 0]
     fy = K[:, 1, 1]
     cx = K[:, 0, 2]
     cy = K[:, 1, 2]
-    plain = (K[:, 0, 1] == 0) & (K[:, 1, 0] == 0) & (K[:, 2] == (0, 0, 1)).all(axis=1) & (fx > 0) & (fy > 0)
-    check_all(plain, "be [[fx, 0, cx], [0, fy, cy], [0, 0, 1]], with fx and fy above 0 and no skew", "K")
+    check_all(is_plain, "be [[fx, 0, cx], [0, fy, cy], [0, 0, 1]], with fx and fy above 0 and no skew", "K")
     width, height = size
     # By the field of view, as `Camera.from_opencv`, so that both find the same numbers.
     fov = 2 * _each(math.atan, height / 2 / fy)
@@ -249,7 +250,9 @@ class CameraReader:
         if isinstance(cameras, DeviceTensor):
             matrices = cameras
         else:
-            matrices = camera_matrices(*check_transforms(array(cameras, "cameras", (self._count, 4, 4))))
+            checked = check_transforms(array(cameras, "cameras", (self._count, 4, 4)))
+            warn_of_mirroring(float(checked[-1].min(initial=0)), "Batch.render: a transform of cameras")
+            matrices = camera_matrices(*checked)
         return self._pinholes_of(options)._replace(matrices=matrices)
 
     def _pinholes_of(self, options: Mapping[str, Any]) -> ViewCameras:

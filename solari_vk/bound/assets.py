@@ -37,7 +37,7 @@ class Assets:
         self.features = Features()
         self.tensors = TensorPort(device)
         self.geometry = Geometry(device, self.block_dtypes, self.features, watcher, self.tensors)
-        self.textures = TextureTable(device, self.block_dtypes["textures"], watcher, self.tensors)
+        self.textures = TextureTable(device, self.block_dtypes["textures"], self.features, watcher, self.tensors)
         self.materials = MaterialTable(
             device, self.block_dtypes["materials"], self.textures, self.features, watcher, self.tensors
         )

@@ -20,7 +20,7 @@ from solari_vk.scene.camera import Camera
 from solari_vk.scene.lights.environment import EnvironmentLight
 from solari_vk.scene.lights.portal import Portal
 from solari_vk.scene.lights.punctual import PointLight, PunctualLight
-from solari_vk.scene.material import Material
+from solari_vk.scene.material import Material, Texture
 from solari_vk.scene.objects import Instance, Mesh
 
 
@@ -54,7 +54,7 @@ FEATURES = (
     Feature("ALPHA", Instance, lambda instance: instance.alpha_mode != "opaque"),
     Feature("BLEND", Instance, lambda instance: instance.alpha_mode == "blend"),
     Feature("VERTEX_COLORS", Mesh, lambda mesh: mesh.colors is not None),
-    Feature("SECOND_UVS", Mesh, lambda mesh: mesh.second_uvs is not None),
+    Feature("SECOND_UVS", Texture, lambda texture: texture.uv_set > 0),
     Feature("GLASS", Material, lambda material: material.transmission > 0, is_lobe=True, transmits=True),
     Feature(
         "DIFFUSE_TRANSMISSION",

@@ -31,7 +31,7 @@ from solari_vk.scene.model import Instance, Mesh
 DeviceMesh = Mesh | PosedMesh
 """What has a row of the table `meshes`: a mesh as it was given, or in the pose of an instance."""
 # The fields of a mesh that the device has; equal ones share memory.
-ARRAYS = ("positions", "triangles", "normals", "uvs", "tangents", "second_uvs", "colors")
+ARRAYS = ("positions", "triangles", "normals", "uvs", "tangents", "second_uvs", "more_uvs", "colors")
 
 
 class Geometry:
@@ -204,7 +204,7 @@ class Geometry:
     def _upload(self, mesh: Mesh, uploads: Uploads, revision: int) -> TriangleGeometry:
         """Have a mesh on the device: in memory of its own, or in that of an equal one."""
         self._features.add_of(mesh)
-        now = {name: mesh._stored(name) for name in ARRAYS}
+        now = {name: mesh._stored(name) for name in (*ARRAYS, "tangent_frame")}
         before = self._uploaded.get(mesh)
         if before is None or before["positions"] is not now["positions"]:
             self._moved.add(mesh)
@@ -230,7 +230,11 @@ class Geometry:
     def _upload_from_host(self, mesh: Mesh, uploads: Uploads, revision: int) -> None:
         # What was edited is not compared, so that edits take no time for that.
         is_edited = mesh in self._buffers
-        content: Hashable = object() if is_edited else content_of(*(getattr(mesh, name) for name in ARRAYS))
+        content: Hashable = (
+            object()
+            if is_edited
+            else content_of(*(getattr(mesh, name) for name in ARRAYS), np.array(mesh.tangent_frame))
+        )
         equal = self._contents.users(content)
         if equal:
             self._share(mesh, content, equal[0])
@@ -278,6 +282,9 @@ class Geometry:
             record[name] = address
         record["previous_positions"] = record["positions"]
         record["triangle_count"] = len(order)
+        record["vertex_count"] = len(mesh.positions)
+        record["more_uv_sets"] = mesh.uv_set_count - 1
+        record["tangent_frame"] = mesh.tangent_frame
         record["flags"] = flags
         record["bounds_min"] = low
         record["bounds_max"] = high

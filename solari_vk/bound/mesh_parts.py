@@ -7,13 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from solari_vk.bound.constants import (
-    MESH_HAS_COLORS,
-    MESH_HAS_NORMALS,
-    MESH_HAS_SECOND_UVS,
-    MESH_HAS_TANGENTS,
-    MESH_HAS_UVS,
-)
+from solari_vk.bound.constants import MESH_HAS_COLORS, MESH_HAS_NORMALS, MESH_HAS_TANGENTS, MESH_HAS_UVS
 from solari_vk.gpu.device import raw
 from solari_vk.gpu.device.barriers import full_barrier
 from solari_vk.gpu.device.buffer import Buffer
@@ -21,7 +15,7 @@ from solari_vk.gpu.device.device import Device
 from solari_vk.scene.model import Mesh
 
 # The fields of a mesh's record that are addresses in its buffer, in the order of memory.
-ADDRESSES = ("positions", "triangles", "attributes", "second_uvs", "colors")
+ADDRESSES = ("positions", "triangles", "attributes", "more_uvs", "colors")
 
 
 def pack_attributes(mesh: Mesh, layout: np.dtype[Any]) -> tuple[int, NDArray[Any] | None]:
@@ -46,9 +40,9 @@ def mesh_parts(mesh: Mesh, triangles: NDArray[np.uint32], layout: np.dtype[Any])
     parts: dict[str, NDArray[Any]] = {"positions": mesh.positions, "triangles": triangles}
     if attributes is not None:
         parts["attributes"] = attributes
-    if mesh.second_uvs is not None:
-        parts["second_uvs"] = mesh.second_uvs
-        flags |= MESH_HAS_SECOND_UVS
+    sets = [mesh.uvs_for(uv_set) for uv_set in range(1, mesh.uv_set_count)]
+    if sets:
+        parts["more_uvs"] = np.array([np.zeros((len(mesh.positions), 2), np.float32) if s is None else s for s in sets])
     if mesh.colors is not None:
         # Colors without alpha are opaque.
         parts["colors"] = np.ones((len(mesh.positions), 4), np.float32)

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from solari_vk.bound.features import Features
 from solari_vk.bound.table import RowAllocator, Table, content_of
 from solari_vk.bound.texture_tensors import DTYPES, TextureTensors
 from solari_vk.gpu.device import raw
@@ -32,10 +33,13 @@ _WRAP = {"repeat": "repeat", "mirrored_repeat": "mirror", "clamp_to_edge": "clam
 class TextureTable:
     """The table `textures` with a row for each (Texture, sRGB) pair, and `bound`, the array of images and samplers."""
 
-    def __init__(self, device: Device, record: np.dtype[Any], watcher: Any, port: TensorPort) -> None:
+    def __init__(
+        self, device: Device, record: np.dtype[Any], features: Features, watcher: Any, port: TensorPort
+    ) -> None:
         self.table = Table(device, "textures", record)
         self.rows: RowAllocator[tuple[Texture, bool]] = RowAllocator()
         self._device = device
+        self._features = features
         self._watcher = watcher
         self._images: dict[ImageKey, Image] = {}
         # Equal pixels share an image. Edited ones have a content of their own, equal to no other.
@@ -118,6 +122,7 @@ class TextureTable:
     def _link(self, key: tuple[Texture, bool]) -> None:
         """Point a row at its image and sampler."""
         texture, srgb = key
+        self._features.add_of(texture)
         self._replaced = True
         options = {
             "wrap_u": _WRAP[texture.wrap_u],
@@ -137,6 +142,7 @@ class TextureTable:
         row = self.rows[key]
         self.table.records[row]["uv_transform"] = by_columns(texture.uv_transform)
         self.table.records[row]["uv_set"] = texture.uv_set
+        self.table.records[row]["tangent_frame"] = texture.tangent_frame
         self.table.records[row]["image"] = self._descriptors[descriptor]
         self.table.mark([row])
 

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from solari_vk.base.errors import SolariError, quoted
 from solari_vk.scene import checks
 from solari_vk.scene.bounds import bounds_of
-from solari_vk.scene.lens import Lens, make_lens
+from solari_vk.scene.lens import TERMS, Lens, make_lens
 from solari_vk.scene.matrices import is_rotation, transform_points
 from solari_vk.scene.matrices import rotation as rotation_about
 
@@ -19,6 +19,9 @@ Floats = NDArray[np.float64]
 FROM_OPENCV = np.diag((1.0, -1.0, -1.0))  # of axes: cameras here have y up and look along -z
 LENS_FIELDS = ("projection", "pixel_aspect", "principal_point", "distortion", "image_circle", "eye_offset")
 """The fields of a camera that say which lens it has."""
+
+
+ROUNDING = 1e-9  # of a focal length, in results of other programs: no pixel moves by as much
 
 
 def lens_of(camera: Any, size: tuple[int, int]) -> Lens:
@@ -56,7 +59,7 @@ def _half_height(camera: Any) -> float:
     return math.tan(half_fov)
 
 
-def _matrix(value: ArrayLike, what: str, *shape: int) -> Floats:
+def _matrix(value: ArrayLike, what: str, *shape: int | None) -> Floats:
     try:
         return np.asarray(checks.array(*shape, dtype=np.float64)(value), np.float64)
     except (TypeError, ValueError, OverflowError) as error:
@@ -85,6 +88,26 @@ def _opencv_rotation(R: ArrayLike) -> Floats:
     return rotation
 
 
+@np.errstate(divide="ignore", invalid="ignore")
+def plain_matrices(K: Floats) -> tuple[Floats, Any]:
+    """Matrices K (..., 3, 3) with a last element of 1, and whether each is one of a camera without skew. They may come
+    from other programs: a decomposition leaves rounding errors, and K up to a factor."""
+    sides = np.abs(K[..., (0, 1, 2, 2), (1, 0, 0, 1)]).max(axis=-1)
+    focal = np.minimum(np.minimum(K[..., 0, 0], K[..., 1, 1]), K[..., 2, 2])
+    return K / K[..., 2:, 2:], (sides <= ROUNDING * K[..., 0, 0]) & (focal > 0)
+
+
+def _without_zeros(distortion: ArrayLike | None, projection: str) -> Floats:
+    """The numbers of a distortion without zeros at its end, with which other programs fill up, and the tilt's rounding
+    errors; in OpenCV None is no distortion."""
+    numbers = _matrix(np.ravel(() if distortion is None else distortion), "distortion", None)
+    allowed = TERMS.get(projection, TERMS["fisheye"])
+    if len(numbers) in allowed and len(numbers) <= 8:
+        return numbers
+    fitting = (count for count in allowed if (np.abs(numbers[count:]) <= ROUNDING).all())
+    return numbers[: next(fitting, len(numbers))]
+
+
 class Calibrated:
     """The part of `Camera` that speaks of pixels, in OpenCV's convention: pixel centers are whole numbers, as the
     indices of arrays are. The center of the first pixel is (0, 0), and the picture's top left corner (-0.5, -0.5)."""
@@ -108,17 +131,19 @@ class Calibrated:
         K (3, 3): focal lengths and principal point in pixels of a picture of `size` (width, height), without skew; size
         must be given; pictures of other sizes show the same. R (3, 3), or OpenCV's rotation vector rvec (3,), t (3,) in
         meters: a point is at R @ world + t in the camera's frame, which has x right, y down and z forward. distortion:
-        k1, k2, p1, p2[, k3[, k4, k5, k6[, s1, s2, s3, s4]]], or with projection="fisheye" k1 to k4 as of cv2.fisheye;
-        also "stereographic". fields: further arguments of the constructor. Raises SolariError for numbers that aren't
-        finite, skew, an R that isn't a rotation, and a distortion that isn't invertible in the picture.
+        k1, k2, p1, p2[, k3[, k4, k5, k6[, s1, s2, s3, s4[, tx, ty]]]], of which the tilt t must be 0, or with
+        projection="fisheye" k1 to k4 as of cv2.fisheye; also "stereographic". fields: further arguments of the
+        constructor. Raises SolariError for numbers that aren't finite, skew, an R that isn't a rotation, and a
+        distortion that isn't invertible in the picture.
         """
         if size is None:
             raise SolariError("Camera.from_opencv: give size=(width, height), of the picture that K belongs to")
-        (fx, skew, cx), (zero, fy, cy), last = _matrix(K, "K", 3, 3).tolist()
+        scaled, is_plain = plain_matrices(_matrix(K, "K", 3, 3))
+        (fx, _, cx), (_, fy, cy), _ = scaled.tolist()
         shift = _matrix(np.ravel(t), "t", 3)
         rotation = _opencv_rotation(R)
         width, height = _size(size)
-        if skew or zero or last != [0, 0, 1] or not (fx > 0 and fy > 0):
+        if not is_plain:
             raise SolariError(
                 "Camera.from_opencv: K is [[fx, 0, cx], [0, fy, cy], [0, 0, 1]], with fx and fy above 0 "
                 f"and no skew, not {np.asarray(K).tolist()}"
@@ -138,7 +163,7 @@ class Calibrated:
             pixel_aspect=fx / fy,
             # OpenCV counts from the center of the first pixel, a principal point from the picture's corner.
             principal_point=((cx + 0.5) / width, (cy + 0.5) / height),
-            distortion=np.ravel(distortion),
+            distortion=_without_zeros(distortion, projection),
             **fields,
         )  # type: ignore[call-arg]
         lens_of(camera, (width, height))

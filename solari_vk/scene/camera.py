@@ -61,6 +61,18 @@ def _distortion(value: Any) -> NDArray[np.float64]:
     return coefficients if coefficients.any() else coefficients[:0]
 
 
+def _transform(value: Any) -> NDArray[np.float64]:
+    """An invertible matrix; a warning says that a left-handed one mirrors the picture."""
+    found = checks.affine_transform(value)
+    warn_of_mirroring(float(np.linalg.det(found[:3, :3])), "Camera: transform")
+    return found
+
+
+def warn_of_mirroring(determinant: float, what: str) -> None:
+    if determinant < 0:
+        warn(f"{what} is left-handed, so that pictures are mirrored: negate one of its axes, the columns x, y and z")
+
+
 def _blades(value: Any) -> int:
     if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or not (value == 0 or 3 <= value <= 64):
         raise ValueError(f"must be 0, for a disk, or a whole number from 3 to 64, not {quoted(value)}")
@@ -142,7 +154,7 @@ class Camera(Checked, Placed, Calibrated):
 
     _converters = {
         "name": checks.text,
-        "transform": checks.affine_transform,
+        "transform": _transform,
         "vertical_fov": checks.number(1e-4, 2 * math.pi, "radians (fov takes degrees)"),
         "orthographic_height": checks.number(0, checks.LARGEST_COORDINATE, "meters"),
         "near": checks.number(1e-9, checks.LARGEST_COORDINATE),

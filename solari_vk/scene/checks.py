@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from solari_vk.base.errors import SolariError, quoted, shortened
 from solari_vk.base.host_array import host_array
 from solari_vk.scene.images.mip_chain import LINEAR_OF_SRGB
-from solari_vk.scene.matrices import unit
+from solari_vk.scene.matrices import thickened, unit
 from solari_vk.scene.observable import Checked
 
 FloatArray = NDArray[np.float32]
@@ -95,7 +95,9 @@ def vertex_colors(value: Any) -> FloatArray | None:
 
 def flag(value: Any) -> bool:
     """True or False, also as numpy's, or as 1 or 0."""
-    return bool(_zero_or_one(value, "True or False"))
+    if not isinstance(value, (int, np.bool_, np.integer)) or value not in (0, 1):
+        raise ValueError(f"must be True or False, not {quoted(value)}")
+    return bool(value)
 
 
 def flag_or_none(value: Any) -> bool | None:
@@ -103,20 +105,20 @@ def flag_or_none(value: Any) -> bool | None:
     return None if value is None else flag(value)
 
 
-def uv_set(value: Any) -> int:
-    """0 or 1."""
-    return _zero_or_one(value, "0 or 1")
+def whole(low: int, high: int) -> Callable[[Any], int]:
+    """A whole number in a range."""
 
+    def convert(value: Any) -> int:
+        if not isinstance(value, (int, np.integer)) or not low <= value <= high:
+            raise ValueError(f"must be a whole number from {low} to {high}, not {quoted(value)}")
+        return int(value)
 
-def _zero_or_one(value: Any, choices: str) -> int:
-    if not isinstance(value, (int, np.bool_, np.integer)) or value not in (0, 1):
-        raise ValueError(f"must be {choices}, not {quoted(value)}")
-    return int(value)
+    return convert
 
 
 def pixels(value: Any) -> NDArray[np.uint8]:
-    """A read-only RGBA image (height, width, 4) with 8 bits per channel, from an RGBA, an RGB or a gray image, of 8
-    bits or of floats in [0, 1], or from the path of a file."""
+    """A read-only RGBA image (height, width, 4) with 8 bits per channel, from an RGBA, an RGB or a gray image, of 8 or
+    16 bits or of floats in [0, 1], or from the path of a file."""
     if isinstance(value, (str, os.PathLike)):
         from solari_vk.scene.images.image_files import read_pixels
 
@@ -127,16 +129,20 @@ def pixels(value: Any) -> NDArray[np.uint8]:
             # NaN fails both comparisons.
             parts = values.astype(np.float32)
         if not ((parts >= 0) & (parts <= 1)).all():
-            raise ValueError("must lie between 0 and 1, or be integers of 8 bits")
+            raise ValueError("must lie between 0 and 1, or be integers of 8 or 16 bits")
         values = np.rint(parts * np.float32(255)).astype(np.uint8)
+    elif values.dtype == np.uint16:
+        values = np.rint(values / 257).astype(np.uint8)
     if values.ndim == 2:
-        values = np.stack([values] * 3, axis=-1)
+        values = values[..., None]
+    if values.ndim == 3 and values.shape[2] == 1:
+        values = np.repeat(values, 3, axis=2)
     if values.ndim == 3 and values.shape[2] == 3:
         values = np.concatenate([values, np.full_like(values[..., :1], 255)], axis=-1)
     try:
         found: NDArray[np.uint8] = array(None, None, 4, dtype=np.uint8)(values)
     except ValueError as error:
-        raise ValueError(f"{error}: give 8-bit pixels, or floats, (height, width[, 3 or 4])") from None
+        raise ValueError(f"{error}: give 8-bit pixels, uint16, or floats, (height, width[, 1, 3 or 4])") from None
     return found
 
 
@@ -290,6 +296,25 @@ def made_of(kind: Callable[[], type], optional: bool = False) -> Callable[[Any],
 
 def affine_transform(value: ArrayLike) -> NDArray[np.float64]:
     """A read-only affine, invertible matrix (4, 4), from such a matrix, its first 3 rows, or a position (3,)."""
+    matrix = _affine(value)
+    if not _is_invertible(matrix):
+        raise ValueError("must be invertible: no axis may have a scale of 0, and the axes may not lie in one plane")
+    return matrix
+
+
+def placing_transform(value: ArrayLike) -> NDArray[np.float64]:
+    """The same for surfaces, which it may flatten: they get a thickness of a millionth, since rays and normals need an
+    inverse."""
+    matrix = _affine(value)
+    if not _is_invertible(matrix):
+        matrix = thickened(matrix)
+        matrix.setflags(write=False)
+        if not _is_invertible(matrix):
+            raise ValueError("must leave an area: only one axis may have a scale of 0")
+    return matrix
+
+
+def _affine(value: ArrayLike) -> NDArray[np.float64]:
     values = real(value, np.float64)
     if values.shape not in ((4, 4), (3, 4), (3,)):
         raise ValueError(f"must have the shape (4, 4), (3, 4) or, for a position, (3,), not {values.shape}")
@@ -299,19 +324,22 @@ def affine_transform(value: ArrayLike) -> NDArray[np.float64]:
         matrix[:3, 3] = values
     else:
         matrix[: values.shape[0]] = values
-    # Plain floats are faster here, which matters for scenes of 100,000 instances.
-    (a, b, c, _), (d, e, f, _), (g, h, i, _), last = matrix.tolist()
+    last = matrix[3].tolist()
     if last != [0.0, 0.0, 0.0, 1.0]:
         raise ValueError(f"must be affine, with the last row 0 0 0 1, not {last}")
     if np.abs(matrix).max() > LARGEST_TRANSFORM:
         raise ValueError(f"must lie within {LARGEST_TRANSFORM:g}, or floats overflow on the device")
+    matrix.setflags(write=False)
+    return matrix
+
+
+def _is_invertible(matrix: NDArray[np.float64]) -> bool:
+    # Plain floats are faster here, which matters for scenes of 100,000 instances.
+    (a, b, c, _), (d, e, f, _), (g, h, i, _), _ = matrix.tolist()
     # Compared with the box that the axes would span at right angles, so that small scales aren't singular.
     lengths = math.hypot(a, d, g) * math.hypot(b, e, h) * math.hypot(c, f, i)
     determinant = a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g)
-    if abs(determinant) <= 1e-9 * lengths:  # also if an axis has zero length
-        raise ValueError("must be invertible: no axis may have a scale of 0, and the axes may not lie in one plane")
-    matrix.setflags(write=False)
-    return matrix
+    return bool(abs(determinant) > 1e-9 * lengths)  # also if an axis has zero length
 
 
 def joint_matrices(value: Any) -> NDArray[np.float64] | None:

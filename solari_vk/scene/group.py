@@ -129,7 +129,7 @@ class Group(Scaled, Hints):
         for name in fields:
             if name not in ("transform", *PARTS):
                 raise self._unknown(name)
-        return placed(fields.pop("transform", before), self.describe(), **fields)
+        return placed(fields.pop("transform", before), self.describe(), **fields, may_flatten=True)
 
     def __setattr__(self, name: str, value: Any) -> None:
         if name in NAMES:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import zlib
 from dataclasses import KW_ONLY, field, fields
 from typing import TYPE_CHECKING, Any, ClassVar
 
@@ -17,10 +18,11 @@ from solari_vk.scene.tensor_fields import TensorFields
 
 @checked
 class TextureImage(TensorFields):
-    """An image with 8 bits per channel: RGBA (height, width, 4), RGB (height, width, 3) or gray (height, width).
+    """An image with 8 bits per channel: RGBA (height, width, 4), RGB (height, width, 3) or gray (height, width[, 1]).
 
-    pixels may be given as the path of a PNG, JPEG, WebP, KTX2 or DDS file, or as floats in [0, 1], of which 1 is the
-    code 255; the attribute is always RGBA. Materials decide by the kind of the texture whether it is sRGB.
+    pixels may be given as the path of a PNG, JPEG, WebP, KTX2, DDS, TGA, BMP, TIFF or GIF file, or as uint16, of which
+    65535 is the code 255, or as floats in [0, 1]; the attribute is always RGBA. Materials decide by the kind of the
+    texture whether it is sRGB.
 
     Pixels that are assigned as a tensor of a GPU, of the same height and width as before, stay on it where a renderer
     of the same GPU has shown the image: reading the field then copies them to the host, and waits.
@@ -51,8 +53,8 @@ class Texture(Checked):
     """An image and how it is sampled. image: a TextureImage, an array of pixels, or the path of a file.
 
     uv_transform (2, 3) maps a mesh's (u, v, 1) to texture coordinates. uv_set: 0 for the mesh's uvs, 1 for its
-    second_uvs. wrap_u and wrap_v: "repeat", "mirrored_repeat" or "clamp_to_edge". magnification and minification:
-    "linear" or "nearest".
+    second_uvs, 2 and more for its more_uvs. wrap_u and wrap_v: "repeat", "mirrored_repeat" or "clamp_to_edge".
+    magnification and minification: "linear" or "nearest".
     """
 
     image: TextureImage
@@ -73,8 +75,18 @@ class Texture(Checked):
         "minification": checks.one_of(checks.FILTERS),
         "mipmaps": checks.flag,
         "uv_transform": checks.array(2, 3),
-        "uv_set": checks.uv_set,
+        "uv_set": checks.whole(0, 255),
     }
+
+    @property
+    def tangent_frame(self) -> int:
+        """A number, not 0, that textures have in common along whose u and v a surface has the same tangents."""
+        (a, b), (c, d) = self.uv_transform[:, :2].astype(np.float64)
+        side = np.sign(a * d - b * c)
+        # The inverse matrix maps the texture's u to this direction in the mesh's uvs.
+        along_u = side * np.array((d, -c)) / max(np.hypot(d, c), 1e-30)
+        found = np.rint(1000 * np.array((self.uv_set, side, *along_u))).astype(np.int64)
+        return zlib.crc32(found.tobytes()) or 1
 
 
 MIRROR_ROUGHNESS = 0.001

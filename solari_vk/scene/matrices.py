@@ -69,13 +69,33 @@ def euler(x: float = 0.0, y: float = 0.0, z: float = 0.0) -> NDArray[np.float64]
     return np.array((i * b * c - a * j * k, a * j * c + i * b * k, a * b * k - i * j * c, a * b * c + i * j * k))
 
 
+_THICKNESS = 1e-6  # of what a matrix flattens, over the size of what is left
+
+
+@np.errstate(over="ignore", invalid="ignore")
+def thickened(matrices: NDArray[Any]) -> NDArray[np.float64]:
+    """Matrices (..., 4, 4), of which those that flatten all things to a plane leave them a thickness of a millionth, so
+    that they have an inverse and don't mirror. Those that leave a line or a point stay."""
+    found = np.array(matrices, np.float64)
+    x, y, z = np.moveaxis(found[..., :3, :3], -1, 0)
+    # The matrix of cofactors of a matrix of rank 2 is the product of the two directions that the matrix loses, one of
+    # each space, and of the area that is left of a unit square.
+    cofactors = np.stack([np.cross(y, z), np.cross(z, x), np.cross(x, y)], axis=-1)
+    lengths = np.linalg.norm(found[..., :3, :3], axis=-2).prod(axis=-1)
+    is_flat = np.abs((x * cofactors[..., 0]).sum(axis=-1)) <= 1e-9 * lengths
+    area = np.linalg.norm(cofactors, axis=(-2, -1))
+    factor = _THICKNESS * is_flat / np.sqrt(np.where(area > 0, area, 1))
+    found[..., :3, :3] += factor[..., None, None] * cofactors
+    return found
+
+
 def compose(translations: NDArray[Any], rotations: NDArray[Any], scales: NDArray[Any]) -> NDArray[np.float64]:
     """Matrices (N, 4, 4) from translations (N, 3), quaternions (N, 4: x y z w) and scales (N, 3).
 
-    A quaternion of zero length gives a singular matrix.
+    A quaternion of zero length is no rotation.
     """
     length = np.linalg.norm(rotations, axis=1, keepdims=True)
-    x, y, z, w = (rotations / np.where(length > 0, length, 1)).T
+    x, y, z, w = np.where(length > 0, rotations / np.where(length > 0, length, 1), (0, 0, 0, 1)).T
     matrices = np.zeros((len(translations), 4, 4))
     matrices[:, :3, :3] = np.array(quaternion_rotation(x, y, z, w)).transpose(2, 0, 1) * scales[:, None, :]
     matrices[:, :3, 3] = translations
@@ -86,6 +106,7 @@ def compose(translations: NDArray[Any], rotations: NDArray[Any], scales: NDArray
 @np.errstate(over="ignore", invalid="ignore", divide="ignore")
 def upright(world: NDArray[Any]) -> NDArray[np.float64] | None:
     """The matrix without scale and shear, with the same view along -z and the same up; None if that is degenerate."""
+    world = thickened(world)
     # z and y are kept in this order: the view matters more than where up is.
     back = world[:3, 2] / np.linalg.norm(world[:3, 2])
     right = np.cross(world[:3, 1], back)

@@ -39,17 +39,22 @@ def _positions(value: Any) -> FloatArray:
     return found
 
 
+# The fields of a mesh that a pose leaves as they are.
+_UNMOVED = ("triangles", "uvs", "second_uvs", "more_uvs", "tangent_frame", "colors", "name")
+
+
 @checked
 class Mesh(TensorFields):
     """Triangles in object space, whose front faces are counter-clockwise.
 
     positions (N, 3) in meters. triangles (M, 3): rows of `positions`; by default each three positions are a triangle.
-    normals (N, 3): by default those of the triangles. uvs (N, 2): v increases downwards, as in glTF. second_uvs (N, 2):
-    for textures with uv_set 1, by default `uvs`. tangents (N, 4): w is the bitangent's sign; by default they are
-    computed from the uvs of the normal texture. colors (N, 3) or (N, 4), in [0, 1], linear: they multiply the
-    material's base color and alpha. deformation: what joints and morph targets do; instances have the poses.
-    `vertices`, `faces` and `indices` are other names of positions and triangles. Raises SolariError for arrays that
-    don't fit each other.
+    normals (N, 3): by default those of the triangles. uvs (N, 2): v increases downwards, as in glTF. second_uvs (N, 2)
+    and more_uvs (S, N, 2): for textures with uv_set 1, and with 2 and more, by default `uvs`. tangents (N, 4): w is the
+    bitangent's sign; by default they are computed from the uvs of the normal texture. tangent_frame: that of the
+    textures that the tangents were made for, by default all; others have theirs computed. colors (N, 3) or (N, 4), in
+    [0, 1], linear: they multiply the material's base color and alpha. deformation: what joints and morph targets do;
+    instances have the poses. `vertices`, `faces` and `indices` are other names of positions and triangles. Raises
+    SolariError for arrays that don't fit each other.
 
     Positions and normals that are assigned as tensors of a GPU, as many as before, stay on it where a renderer of the
     same GPU has shown the mesh: reading the field then copies them to the host, and waits.
@@ -61,7 +66,9 @@ class Mesh(TensorFields):
     normals: FloatArray | None = None
     uvs: FloatArray | None = None
     second_uvs: FloatArray | None = None
+    more_uvs: FloatArray | None = None
     tangents: FloatArray | None = None
+    tangent_frame: int = 0
     colors: FloatArray | None = None
     deformation: Deformation | None = None
     name: str = ""
@@ -74,8 +81,10 @@ class Mesh(TensorFields):
         "normals": checks.array(None, 3, optional=True),
         "uvs": checks.array(None, 2, optional=True),
         "second_uvs": checks.array(None, 2, optional=True),
+        "more_uvs": checks.array(None, None, 2, optional=True),
         "colors": checks.vertex_colors,
         "tangents": checks.array(None, 4, optional=True),
+        "tangent_frame": checks.whole(0, 2**32 - 1),
         "deformation": checks.instance_of(lambda: Deformation, optional=True),
     }
     _tensor_fields = ("positions", "normals")
@@ -95,8 +104,17 @@ class Mesh(TensorFields):
         return None if values is None else int(values.shape[0])
 
     def uvs_for(self, uv_set: int) -> FloatArray | None:
-        """The uvs (N, 2) of textures of that `uv_set`: a mesh without second uvs has the first ones in their place."""
+        """The uvs (N, 2) of textures of that `uv_set`: a mesh without these has the first ones in their place."""
+        if 2 <= uv_set < self.uv_set_count and self.more_uvs is not None:
+            return np.asarray(self.more_uvs[uv_set - 2])
         return self.second_uvs if uv_set == 1 and self.second_uvs is not None else self.uvs
+
+    @property
+    def uv_set_count(self) -> int:
+        """Up to which set a mesh has uvs of its own, the first counted also where it has none."""
+        if self.more_uvs is not None and len(self.more_uvs):
+            return 2 + len(self.more_uvs)
+        return 1 if self.second_uvs is None else 2
 
     @classmethod
     def from_trimesh(cls, mesh: Any, *, smooth: bool = False) -> Mesh:
@@ -157,6 +175,9 @@ class Mesh(TensorFields):
             rows = self._row_count(name)
             if rows not in (None, count):
                 raise SolariError(f"{self.describe()}: {name} has {rows} rows for {count} positions")
+        if self.more_uvs is not None and self.more_uvs.shape[1] != count:
+            rows = self.more_uvs.shape[1]
+            raise SolariError(f"{self.describe()}: more_uvs has {rows} rows in a set for {count} positions")
         if self.deformation is not None:
             self.deformation.check(count, None, None, self.describe())
         if by_default:
@@ -171,17 +192,17 @@ class Mesh(TensorFields):
 class Instance(Checked, Scaled):
     """A mesh with a material at a place in the world.
 
-    transform is the matrix from object to world space, (4, 4) or (3, 4); it may mirror, shear and scale, but must be
-    invertible. A vector (3,) stands for a position in meters. It is read-only: to move an instance, assign a new one,
-    such as `move @ instance.transform`, or to `position`, `rotation` or `scale`, its parts, which the constructor takes
-    too. ray_mesh: a simpler mesh that rays hit instead of `mesh`, which realtime frames
-    show by raster. An instance that isn't visible neither blocks nor emits light. joint_matrices (J, 3, 4) or (J, 4, 4)
-    and morph_weights (T,) are its pose, if the mesh has a `deformation`: what the joints do to the mesh, up to
-    `transform`, and how much of each morph target is added. label: a semantic class, such as "chair", for annotations
-    of pictures (`label_instances`). part_of: the name of an object; instances with one name are its parts, such as the
-    primitives of a glTF mesh: with one label they have one annotation, and they are randomized together. It is no
-    parent: `Scene.group` moves objects together. Raises SolariError for a singular transform, and for poses that don't
-    fit the mesh.
+    transform is the matrix from object to world space, (4, 4) or (3, 4); it may mirror, shear and scale. What it
+    flattens, as by a scale of 0 along one axis, gets a thickness of a millionth. A vector (3,) stands for a position in
+    meters. It is read-only: to move an instance, assign a new one, such as `move @ instance.transform`, or to
+    `position`, `rotation` or `scale`, its parts, which the constructor takes too. ray_mesh: a simpler mesh that rays
+    hit instead of `mesh`, which realtime frames show by raster. An instance that isn't visible neither blocks nor emits
+    light. joint_matrices (J, 3, 4) or (J, 4, 4) and morph_weights (T,) are its pose, if the mesh has a `deformation`:
+    what the joints do to the mesh, up to `transform`, and how much of each morph target is added. label: a semantic
+    class, such as "chair", for annotations of pictures (`label_instances`). part_of: the name of an object; instances
+    with one name are its parts, such as the primitives of a glTF mesh: with one label they have one annotation, and
+    they are randomized together. It is no parent: `Scene.group` moves objects together. Raises SolariError for a
+    transform that leaves no area, and for poses that don't fit the mesh.
     """
 
     mesh: Mesh
@@ -202,7 +223,7 @@ class Instance(Checked, Scaled):
         "part_of": checks.object_name,
         "mesh": checks.instance_of(lambda: Mesh),
         "material": checks.instance_of(lambda: Material),
-        "transform": checks.affine_transform,
+        "transform": checks.placing_transform,
         "ray_mesh": checks.instance_of(lambda: Mesh, optional=True),
         "visible": checks.flag,
         "joint_matrices": checks.joint_matrices,
@@ -229,7 +250,7 @@ class Instance(Checked, Scaled):
         # Textures and colors stay with their vertices.
         parts = deformation.pose(mesh.positions, mesh.normals, mesh.tangents, self.joint_matrices, self.morph_weights)
         fields: dict[str, Any] = dict(zip(("positions", "normals", "tangents"), parts, strict=True))
-        fields |= {name: getattr(mesh, name) for name in ("triangles", "uvs", "second_uvs", "colors", "name")}
+        fields |= {name: getattr(mesh, name) for name in _UNMOVED}
         return Mesh(**fields)
 
     @property

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from solari_vk.base.errors import SolariError, quoted
 from solari_vk.scene import checks
-from solari_vk.scene.matrices import is_rotation, nearest_rotation, quaternion_rotation, rotation, unit
+from solari_vk.scene.matrices import is_rotation, nearest_rotation, quaternion_rotation, rotation, thickened, unit
 
 PARTS = ("position", "rotation", "scale")
 
@@ -35,9 +35,13 @@ def rotation_matrix(value: Any) -> NDArray[np.float64]:
 def _scale(value: Any) -> NDArray[np.float64]:
     factors = checks.real(value, np.float64)
     checks.refuse_not_finite(factors)
-    if factors.shape not in ((), (3,)) or not (factors > 0).all():
-        raise ValueError(f"must be one factor or three, (3,), above 0 (a transform can mirror), not {quoted(value)}")
-    return np.broadcast_to(factors, (3,))
+    if factors.shape not in ((), (3,)) or not (factors >= 0).all() or np.count_nonzero(factors) < min(factors.size, 2):
+        raise ValueError(
+            "must be one factor or three, (3,), above 0, of which one of three may be 0 (a transform can mirror), not "
+            f"{quoted(value)}"
+        )
+    # What is flattened has the thickness that transforms leave it.
+    return thickened(np.diag((*np.broadcast_to(factors, (3,)), 1.0))).diagonal()[:3]
 
 
 def parts(transform: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
@@ -50,14 +54,21 @@ def parts(transform: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[
 
 
 def placed(
-    transform: ArrayLike | None, who: str, position: Any = None, rotation: Any = None, scale: Any = None
+    transform: ArrayLike | None,
+    who: str,
+    position: Any = None,
+    rotation: Any = None,
+    scale: Any = None,
+    *,
+    may_flatten: bool = False,
 ) -> NDArray[np.float64]:
     """A transform (4, 4) with another position, rotation or scale; its shear stays. None: the identity.
 
-    Raises SolariError, with `who` at its start, for what is none of them.
+    may_flatten: `checks.placing_transform` is its rule. Raises SolariError, with `who` at its start, for what is none
+    of them.
     """
     converters = {
-        "transform": checks.affine_transform,
+        "transform": checks.placing_transform if may_flatten else checks.affine_transform,
         "position": checks.array(3, dtype=np.float64),
         "rotation": rotation_matrix,
         "scale": _scale,
@@ -91,7 +102,7 @@ def resolved(cls: type[Any], fields: dict[str, Any], current: Any) -> dict[str, 
     # Parts that are set together with a transform replace those of the transform.
     before = fields.pop("transform", None if current is None else current.transform)
     who = cls.__name__ if current is None else current.describe()
-    return fields | {"transform": placed(before, who, **changed)}
+    return fields | {"transform": placed(before, who, **changed, may_flatten=issubclass(cls, Scaled))}
 
 
 class Part(np.ndarray[Any, np.dtype[np.float64]]):
@@ -173,8 +184,8 @@ class Scaled(Placed):
 
     @property
     def scale(self) -> NDArray[np.float64]:
-        """The lengths of the object's axes in the world, (3,). Assign three or one for all, above 0; what the transform
-        mirrors stays mirrored."""
+        """The lengths of the object's axes in the world, (3,). Assign three or one for all, above 0, of which one of
+        three may be 0; what the transform mirrors stays mirrored."""
         return Part.of(parts(self.transform)[2])
 
     @scale.setter

@@ -388,6 +388,14 @@ def test_cycles_is_given_files_without_clips(tmp_path, monkeypatch, suffix):
         assert Path(unquote(content["buffers"][0]["uri"])) == path.with_suffix(".bin").resolve()
 
 
+def test_cycles_is_given_no_occlusion(tmp_path, monkeypatch):
+    """Blender reads an image of occlusion as data, also where it is the base color too."""
+    path, shared = tmp_path / "a.gltf", {"index": 0}
+    colored = {"pbrMetallicRoughness": {"baseColorTexture": shared}}
+    path.write_text(json.dumps({"materials": [{**colored, "occlusionTexture": shared}, {}]}))
+    assert json.loads(in_cycles(monkeypatch)["still"](path, tmp_path).read_text())["materials"] == [colored, {}]
+
+
 def test_cycles_is_given_gltfs_default_material(tmp_path, monkeypatch):
     path, primitives = tmp_path / "a.gltf", [{"attributes": {}}, {"attributes": {}, "material": 0}, {"attributes": {}}]
     path.write_text(json.dumps({"meshes": [{"primitives": primitives}], "materials": [{"name": "given"}]}))

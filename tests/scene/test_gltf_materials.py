@@ -7,6 +7,7 @@ import math
 import numpy as np
 import pytest
 
+import solari_vk as sv
 from solari_vk.scene.files.gltf.extensions import OF_MATERIALS
 from solari_vk.scene.material import TEXTURES, Material
 
@@ -238,8 +239,9 @@ def test_texture_transforms(writer):
     assert warnings == []
 
 
-def test_two_sets_of_uvs(writer):
-    """The first set in use is the mesh's first, a mesh without the second uses the first, and a third is left out."""
+def test_sets_of_uvs(writer, tmp_path):
+    """A mesh keeps all sets that materials of the file use, whichever its own does, also in a saved file; a mesh
+    without one uses the first."""
     texture = writer.image(GRAY)
 
     def painted(base, emissive, **slots):
@@ -248,25 +250,22 @@ def test_two_sets_of_uvs(writer):
         return writer.add("materials", pbrMetallicRoughness=pbr, **slots)
 
     two = painted(1, {"texCoord": 0})
-    one = painted(2, {"texCoord": 3, **extension("KHR_texture_transform", texCoord=2)})
-    three = painted(2, {"texCoord": 1}, normalTexture={"index": texture})
-    given = {f"TEXCOORD_{n}": [[n, 5]] * 3 for n in range(3)}
+    one = painted(4, {"texCoord": 3, **extension("KHR_texture_transform", texCoord=4)})
+    given = {f"TEXCOORD_{n}": [[n, 5]] * 3 for n in (0, 1, 4)}
     writer.mesh(given, material=two)
     writer.mesh({"TEXCOORD_0": UVS}, material=two)
-    writer.mesh({"TEXCOORD_2": [[2, 5]] * 3}, material=one)
-    writer.mesh(given, material=three)
+    writer.mesh({"TEXCOORD_4": [[4, 5]] * 3}, material=one)
+    writer.mesh(given, material=painted(4, {"texCoord": 1}, normalTexture={"index": texture}))
     scene = writer.load()
-    both, lacking, moved, many = scene
-    assert (both.material.emissive_texture.uv_set, both.material.base_color_texture.uv_set) == (0, 1)
-    assert (both.mesh.uvs.tolist(), both.mesh.second_uvs.tolist()) == ([[0, 5]] * 3, [[1, 5]] * 3)
-    assert lacking.mesh.second_uvs is None
-    assert moved.material.emissive_texture.uv_set == moved.material.base_color_texture.uv_set == 0
-    assert (moved.mesh.uvs.tolist(), moved.mesh.second_uvs) == ([[2, 5]] * 3, None)
-    assert many.material.emissive_texture is None
-    assert sorted(scene.warnings) == [
-        "meshes without TEXCOORD_1 use TEXCOORD_0 in its place: mesh 1, primitive 0",
-        "textures on a third set of uvs are not supported and are left out: material 2, emissiveTexture",
-    ]
+    assert scene.warnings == ["meshes without TEXCOORD_1 use TEXCOORD_0 in its place: mesh 1, primitive 0"]
+    scene.save(tmp_path / "saved.glb")
+    for both, lacking, moved, many in (scene, sv.load(tmp_path / "saved.glb")):
+        assert [both.mesh.uvs_for(n).tolist() for n in range(3)] == [[[n, 5]] * 3 for n in (0, 1, 4)]
+        assert np.array_equal(lacking.mesh.uvs_for(1), UVS)
+        assert np.array_equal(lacking.mesh.uvs_for(2), UVS)
+        assert moved.mesh.uvs_for(2).tolist() == [[4, 5]] * 3
+        textures = [(m.emissive_texture, m.base_color_texture) for m in (both.material, moved.material, many.material)]
+        assert [(a.uv_set, b.uv_set) for a, b in textures] == [(0, 1), (2, 2), (1, 2)]
 
 
 def test_textures_in_other_formats_are_reported(writer):

@@ -13,6 +13,7 @@ from support.files import GltfWriter
 import solari_vk as sv
 from solari_vk.base.errors import SolariError
 from solari_vk.scene.files.gltf import EXTENSIONS, load_gltf
+from solari_vk.scene.matrices import transform_points
 
 HALF = math.sqrt(0.5)
 
@@ -82,11 +83,10 @@ def test_work_grows_with_the_file(writer):
 @pytest.mark.parametrize(
     "transform",
     [
-        {"scale": [1, 0, 1]},
+        {"scale": [1, 0, 0]},
         {"matrix": [0] * 16},
         {"matrix": [1, 0, 0, 0.5, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1]},
         {"scale": [1e300, 1e300, 1e300]},
-        {"rotation": [0, 0, 0, 0]},
     ],
 )
 def test_singular_transforms_are_reported(writer, transform):
@@ -94,7 +94,50 @@ def test_singular_transforms_are_reported(writer, transform):
     writer.node(children=[inner], **transform)
     scene = writer.load()
     assert not scene.instances
-    assert scene.warnings == ["nodes whose transform is singular or not affine have no surface: node 0 'flat'"]
+    remark = "nodes whose transform isn't affine, or has a scale of 0 along more than one axis, have no surface"
+    assert scene.warnings == [f"{remark}: node 0 'flat'"]
+
+
+def flat_nodes(writer):
+    shape = writer.mesh({"POSITION": [[0, 0, 1], [4, 0, 2], [0, 4, 3]]})
+    writer.node(mesh=shape, scale=[1, 1, 0])
+    writer.node(children=[writer.node(mesh=shape)], scale=[1, 1, 0])
+    writer.node(mesh=shape, matrix=[1, 0, 0, 0, 0, 1, 0, 0, 0.5, 0.25, 0, 0, 0, 0, 0, 1])  # a shadow below a sun
+    animated = writer.node(mesh=shape)
+    writer.animate(animated, "scale", [0, 1], [[1, 1, 1], [1, 1, 0]])
+    scene = writer.load()
+    scene.animate(1, loop=False)
+    return list(scene.instances)
+
+
+def test_what_is_scaled_to_nothing_along_an_axis_is_flat(writer):
+    """By a node, a parent, a matrix, a clip, `scale`, `transform` and a group: glTF 2.0, 3.5.3 hides only what all
+    three axes are 0 of."""
+    shown = flat_nodes(writer)
+    scene = sv.Scene(*(sv.Instance(shown[0].mesh) for _ in range(3)))
+    scene.instances[0].scale = (1, 1, 0)
+    scene.instances[1].transform = np.diag([1, 1, 0, 1])
+    scene.group(scene.instances[2]).scale = (1, 1, 0)
+    for one in (*shown, *scene):
+        assert one.visible
+        points = transform_points(one.transform, one.mesh.positions)
+        skew = np.outer(one.mesh.positions[:, 2], (0.5, 0.25)) if one is shown[2] else 0
+        np.testing.assert_allclose(points[:, :2], one.mesh.positions[:, :2] + skew, atol=1e-5)
+        np.testing.assert_allclose(points[:, 2], 0, atol=1e-5)
+        assert np.linalg.det(one.transform) > 0, "rays and normals need an inverse"
+    one.scale = 1
+    np.testing.assert_allclose(one.transform, np.eye(4), atol=1e-9)
+
+
+def test_quaternions_of_length_0_are_named(writer):
+    node = writer.node(mesh=writer.mesh(), rotation=[0, 0, 0, 0])
+    writer.animate(node, "rotation", [0, 1], [[0, 0, 0, 0], [0, 0, 0, 1]])
+    scene = writer.load()
+    np.testing.assert_allclose(scene.instances[0].transform, np.eye(4))
+    (warning,) = scene.warnings
+    assert warning.startswith("rotations of length 0, which are no unit quaternions, turn nothing: ")
+    assert "node 0" in warning
+    assert "animation 0" in warning
 
 
 def test_hidden_nodes(writer):

@@ -75,7 +75,7 @@ def test_obj_with_materials(plane):
 def test_what_mtl_files_say_without_effect_is_reported(plane, monkeypatch):
     plane.with_name("old wood.png").write_bytes(plane.with_name("wood.png").read_bytes())
     plane.with_name("plane.mtl").write_text(
-        "newmtl red\nKs 1 1 1\nmap_d d.png\nillum 2\nmap_Kd -s 2 2 -bm 0.5 old wood.png\nnewmtl other\nTf 1 1 1\n"
+        "newmtl red\nKs 1 1 1\nmap_Ns d.png\nillum 2\nmap_Kd -s 2 2 -bm 0.5 old wood.png\nnewmtl other\nTf 1 1 1\n"
         "map_Kd gone.png\n"
     )
     scene = sv.load(plane)
@@ -83,7 +83,7 @@ def test_what_mtl_files_say_without_effect_is_reported(plane, monkeypatch):
     assert red.base_color_texture.image.name == "old wood.png"
     assert scene.warnings == [
         "materials that no .mtl file has are replaced by a gray one: lamp",
-        "fields and options of the .mtl file that are ignored: Ks, map_d, -s, -bm",
+        "fields and options of the .mtl file that are ignored: Ks, map_Ns, -s, -bm",
     ]
     monkeypatch.setattr("solari_vk.scene.files.mtl.LARGEST_FILE", 3)
     with pytest.raises(SolariError, match="more than"):
@@ -201,7 +201,7 @@ VERTICES = b"v 0 0 0\nv 1 0 0\nv 0 1 0\n"
     ("name", "content"),
     [
         ("a.obj", b""),
-        ("a.obj", b"v 0 0 0\n"),
+        ("a.obj", b"vn 0 0 1\n"),
         ("a.obj", VERTICES + b"f 1 2 9\n"),
         ("a.obj", VERTICES.replace(b"v 1", b"v nan") + b"f 1 2 3\n"),
         ("a.obj", VERTICES.replace(b"v 1", b"v 0") + b"f 1 2 3\n"),

@@ -27,7 +27,7 @@ void main() {
     uint view = gl_GlobalInvocationID.x;
     if (view >= work.count) { return; }
     Axes axes;
-    if (!read_axes(view, axes)) { axes = Axes(dvec3(1, 0, 0), dvec3(0, 1, 0), dvec3(0, 0, 1), dvec3(0)); }
+    if (!read_axes(view, false, axes)) { axes = Axes(dvec3(1, 0, 0), dvec3(0, 1, 0), dvec3(0, 0, 1), dvec3(0)); }
     precise dvec3 x = unit(axes.x), y = unit(axes.y), z = unit(axes.z), origin = axes.origin;
     precise double volume = x.x * (y.y * z.z - y.z * z.y) + x.y * (y.z * z.x - y.x * z.z)
         + x.z * (y.x * z.y - y.y * z.x);

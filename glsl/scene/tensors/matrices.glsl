@@ -35,9 +35,20 @@ struct Axes {
     precise dvec3 x, y, z, origin;
 };
 
-// The columns of a matrix; false if it isn't affine and invertible by the rules of check_transforms in
+// Leaves what a matrix flattens a thickness of a millionth, as `thickened` of solari_vk/scene/matrices.py does.
+void thicken(inout dvec3 columns[4]) {
+    dvec3 x = columns[0], y = columns[1], z = columns[2];
+    dvec3 cofactors[3] = dvec3[](cross(y, z), cross(z, x), cross(x, y));
+    if (abs(dot(x, cofactors[0])) > 1e-9LF * sqrt(dot(x, x) * dot(y, y) * dot(z, z))) { return; }
+    double area = sqrt(dot(cofactors[0], cofactors[0]) + dot(cofactors[1], cofactors[1])
+        + dot(cofactors[2], cofactors[2]));
+    double factor = area > 0.0LF ? 1e-6LF / sqrt(area) : 0.0LF;
+    for (uint i = 0u; i < 3u; i++) { columns[i] += factor * cofactors[i]; }
+}
+
+// The columns of a matrix, which may flatten the surfaces of instances; false if it isn't affine and invertible by the rules of check_transforms in
 // solari_vk/batch/view_cameras.py, in which case the refusal is recorded.
-bool read_axes(uint index, out Axes axes) {
+bool read_axes(uint index, bool may_flatten, out Axes axes) {
     bool right = true;
     dvec3 columns[4];
     for (uint column = 0u; column < 4u; column++) {
@@ -47,6 +58,7 @@ bool read_axes(uint index, out Axes axes) {
         }
         right = right && element(index, 3u, column) == (column == 3u ? 1.0 : 0.0);
     }
+    if (may_flatten) { thicken(columns); }
     axes = Axes(columns[0], columns[1], columns[2], columns[3]);
     dvec3 x = columns[0], y = columns[1], z = columns[2];
     right = right && abs(dot(x, cross(y, z))) > 1e-9LF * sqrt(dot(x, x) * dot(y, y) * dot(z, z));

@@ -19,6 +19,8 @@ from solari_vk.base.errors import SolariError
 from solari_vk.base.files import read_json, remove_unfinished, write_whole
 from solari_vk.data.datasets.tasks import Style, View
 from solari_vk.output.animation import MAX_CAMERAS, orbit
+from solari_vk.scene.files.colmap import MODELS
+from solari_vk.scene.matrices import is_rotation
 from solari_vk.scene.model import Camera, Scene
 from solari_vk.scene.presenting.enclosures import extent, find_room, trace
 from solari_vk.scene.presenting.framing import ROOM_FOV, fit
@@ -115,11 +117,25 @@ def _read_poses(path: Path, count: int | None, aspect: float) -> list[Camera]:
 def _poses_of_nerf(content: dict[str, Any], path: Path, aspect: float) -> list[dict[str, Any]]:
     """Poses as Camera.from_pose takes them, of a file such as `write_transforms` writes."""
     try:
-        poses = []
+        poses: list[dict[str, Any]] = []
+        # Nerfstudio: what led from the world of the pictures' program, and of its meshes, to that of the poses.
+        applied = np.eye(4)
+        applied[:3] = np.array(content.get("applied_transform", applied), np.float64)[:3]
+        applied[:3] *= float(content.get("applied_scale", 1))
         for frame in content["frames"]:
             # Fields of the lens stand once for all frames, or in each frame, which then counts.
             lens = {**content, **frame}
-            pose = {"transform": frame["transform_matrix"], **_lens_of_nerf(lens)}
+            matrix = np.array(frame["transform_matrix"], np.float64)
+            if matrix.shape == (3, 4):
+                matrix = np.vstack([matrix, (0, 0, 0, 1)])
+            if not is_rotation(matrix[:3, :3] / np.linalg.norm(matrix[:3, :3], axis=0)):
+                raise ValueError(
+                    f"frame {len(poses)}: transform_matrix isn't a rotation and a place: the axes are sheared or "
+                    "left-handed, which would mirror the picture; export right-handed ones as OpenGL has them"
+                )
+            world = np.linalg.solve(applied, matrix)
+            world[:3, :3] /= np.linalg.norm(world[:3, :3], axis=0)
+            pose = {"transform": world.tolist(), **_lens_of_nerf(lens)}
             fov = _vertical_fov(lens, pose.get("projection", "perspective"), aspect)
             poses.append({**pose, "vertical_fov_degrees": math.degrees(fov)})
         return poses
@@ -151,9 +167,10 @@ def _lens_of_nerf(lens: dict[str, Any]) -> dict[str, Any]:
     model = lens.get("camera_model", "OPENCV")
     if model == "EQUIRECTANGULAR":
         return {"projection": "equirectangular"}
-    if model not in ("OPENCV", "OPENCV_FISHEYE", "PINHOLE", "SIMPLE_PINHOLE"):
-        raise ValueError(f"camera_model is {model!r}, not OPENCV, OPENCV_FISHEYE, PINHOLE or EQUIRECTANGULAR")
-    fisheye = model == "OPENCV_FISHEYE"
+    if model not in MODELS or MODELS[model].must_be_0:
+        known = ", ".join(name for name, one in MODELS.items() if not one.must_be_0)
+        raise ValueError(f"camera_model is {model!r}, not one of {known}, EQUIRECTANGULAR")
+    fisheye = MODELS[model].is_fisheye
     found: dict[str, Any] = {"projection": "fisheye"} if fisheye else {}
     if "cx" in lens and "cy" in lens:
         found["principal_point"] = lens["cx"] / lens["w"], lens["cy"] / lens["h"]

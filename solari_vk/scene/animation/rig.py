@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from solari_vk.base.errors import SolariError
+from solari_vk.scene import checks
 from solari_vk.scene.animation.keyframes import Sample, unit_quaternions
 from solari_vk.scene.camera import Camera
 from solari_vk.scene.collection import Items
@@ -237,7 +238,7 @@ class Rig:
                 self.sides[instance] = node, -side
 
     def _place(self, lights: Items[Light], item: Any, world: Matrix | None, shown: bool) -> None:
-        """Move an object. An instance whose transform has no inverse, as with a scale of 0, is hidden."""
+        """Move an object. An instance whose transform leaves no area, as a scale of 0, is hidden."""
         if isinstance(item, Instance):
             shown = _move_instance(item, world) and shown
             # An assignment that changes nothing would undo what the user has hidden since.
@@ -284,12 +285,14 @@ def placed_light(light: Light, world: Matrix) -> dict[str, Matrix]:
 
 
 def _move_instance(instance: Instance, world: Matrix | None) -> bool:
-    """Move an instance, unless it isn't moved, and say whether it has a place: a scale of 0 leaves it none."""
-    try:
-        if world is not None:
-            _assign(instance, "transform", world)
-    except SolariError:
-        return False
+    """Move an instance, unless it isn't moved, and say whether it has a place: a scale of 0 along two axes leaves it
+    none."""
+    if world is not None:
+        try:
+            transform = checks.placing_transform(world)
+        except ValueError:
+            return False
+        _assign(instance, "transform", transform)
     return True
 
 

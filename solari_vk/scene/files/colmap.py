@@ -1,15 +1,16 @@
-"""Cameras of COLMAP's text files, cameras.txt and images.txt: Schönberger and Frahm, "Structure-from-Motion Revisited"
-(2016)."""
+"""Cameras of COLMAP's files, cameras and images as .txt or .bin: Schönberger and Frahm, "Structure-from-Motion
+Revisited" (2016)."""
 
 from __future__ import annotations
 
 import math
 import os
+import struct
 import sys
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from itertools import islice
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -19,20 +20,36 @@ from solari_vk.base.files import make_folder, read_regular, text_lines, write_wh
 from solari_vk.scene.camera import Camera
 from solari_vk.scene.matrices import quaternion_rotation
 
-# The parameters of each model after the focal lengths and the principal point, as places in OpenCV's distortion; and
-# whether it has one focal length.
-MODELS: Mapping[str, tuple[tuple[int, ...], bool]] = {
-    "SIMPLE_PINHOLE": ((), True),
-    "PINHOLE": ((), False),
-    "SIMPLE_RADIAL": ((0,), True),
-    "RADIAL": ((0, 1), True),
-    "OPENCV": ((0, 1, 2, 3), False),
-    "FULL_OPENCV": ((0, 1, 2, 3, 4, 5, 6, 7), False),
-    "OPENCV_FISHEYE": ((0, 1, 2, 3), False),
+
+class Model(NamedTuple):
+    """A camera model. number: in binary files. places: in OpenCV's distortion, of the parameters after the focal
+    lengths and the principal point. must_be_0: the places of those that cameras here don't have."""
+
+    number: int
+    places: tuple[int, ...] = ()
+    is_simple: bool = False
+    """With one focal length for both axes."""
+    is_fisheye: bool = False
+    must_be_0: tuple[int, ...] = ()
+
+
+MODELS: Mapping[str, Model] = {
+    "SIMPLE_PINHOLE": Model(0, is_simple=True),
+    "PINHOLE": Model(1),
+    "SIMPLE_RADIAL": Model(2, (0,), is_simple=True),
+    "RADIAL": Model(3, (0, 1), is_simple=True),
+    "OPENCV": Model(4, (0, 1, 2, 3)),
+    "FULL_OPENCV": Model(6, (0, 1, 2, 3, 4, 5, 6, 7)),
+    "OPENCV_FISHEYE": Model(5, (0, 1, 2, 3), is_fisheye=True),
+    "SIMPLE_RADIAL_FISHEYE": Model(8, (0,), is_simple=True, is_fisheye=True),
+    "RADIAL_FISHEYE": Model(9, (0, 1), is_simple=True, is_fisheye=True),
+    # k1, k2, p1, p2, k3, k4, sx1, sy1: of the tangential terms and the thin prism, cameras here have none.
+    "THIN_PRISM_FISHEYE": Model(10, (0, 1, 4, 5, 2, 3, 6, 7), is_fisheye=True, must_be_0=(4, 5, 6, 7)),
 }
 _BYTES_PER_CAMERA = 2**13
 _MOST_WORDS = 20  # of a camera: its number, model and size, and at most 12 parameters
 _SHORTEST = 1e-100  # the least length of a quaternion, whose square is still a number
+_POINT_BYTES = 24  # of a point in an image: its place and its number
 CENTER = 0.5  # COLMAP's position of the first pixel's center, which is 0 in OpenCV
 
 
@@ -45,11 +62,14 @@ class ColmapImage(NamedTuple):
 
 
 def load_colmap(folder: str | os.PathLike[str]) -> list[ColmapImage]:
-    """The images of a folder with `cameras.txt` and `images.txt`, in the file's order.
+    """The images of a folder with `cameras.txt` and `images.txt`, or else `cameras.bin` and `images.bin`, in the file's
+    order.
 
     Raises SolariError for a file that can't be read, a model that isn't in MODELS, and a wrong line.
     """
     with load_budget():
+        if not (Path(folder) / "cameras.txt").exists() and (Path(folder) / "cameras.bin").exists():
+            return _load_binary(Path(folder))
         return _load(Path(folder) / "cameras.txt", Path(folder) / "images.txt")
 
 
@@ -60,7 +80,7 @@ def _load(cameras: Path, path: Path) -> list[ColmapImage]:
         if line:
             words = line.split(maxsplit=_MOST_WORDS)
             charge(_BYTES_PER_CAMERA + 2 * sys.getsizeof(line), str(cameras), "its cameras")
-            lenses[words[0]] = cameras, number, words[1:]
+            lenses[words[0]] = f"{cameras}, line {number}", words[1:]
     for number, line in islice(_lines(path), 0, None, 2):  # a line of an image's points follows its own
         words = line.split(maxsplit=9)
         if not words:
@@ -91,27 +111,27 @@ def _lines(path: Path) -> Iterator[tuple[int, str]]:
             yield number, line.strip()
 
 
-def _image(
-    name: str, rotation: list[list[float]], shift: list[float], path: Path, number: int, words: list[str]
-) -> ColmapImage:
-    model = words[0] if words else ""
-    if model not in MODELS:
-        raise SolariError(f"{path}, line {number}: the camera model '{model}' isn't one of {', '.join(MODELS)}")
-    places, is_simple = MODELS[model]
+def _image(name: str, rotation: list[list[float]], shift: list[float], where: str, words: list[str]) -> ColmapImage:
+    name_of_model = words[0] if words else ""
+    if name_of_model not in MODELS:
+        raise SolariError(f"{where}: the camera model '{name_of_model}' isn't one of {', '.join(MODELS)}")
+    model = MODELS[name_of_model]
     try:
         size = int(words[1]), int(words[2])
         fx, *rest = (float(word) for word in words[3:])
         # Simple models have one focal length for both axes.
-        fy, cx, cy, *terms = [fx, *rest] if is_simple else rest
+        fy, cx, cy, *terms = [fx, *rest] if model.is_simple else rest
         distortion = np.zeros(8)
-        for place, term in zip(places, terms, strict=True):
+        for place, term in zip(model.places, terms, strict=True):
             distortion[place] = term
     except (ValueError, IndexError):
-        count = (3 if is_simple else 4) + len(places)
+        count = _parameter_count(model)
+        raise SolariError(f"{where}: a camera of the model {name_of_model} has a size and {count} parameters") from None
+    if distortion[list(model.must_be_0)].any():
         raise SolariError(
-            f"{path}, line {number}: a camera of the model {model} has a size and {count} parameters"
-        ) from None
-    fisheye = model == "OPENCV_FISHEYE"
+            f"{where}: {name_of_model} with tangential or thin prism terms can't be shown: undistort the images, or "
+            "calibrate them as OPENCV_FISHEYE"
+        )
     matrix = np.array([[fx, 0, cx - CENTER], [0, fy, cy - CENTER], [0, 0, 1]])
     try:
         camera = Camera.from_opencv(
@@ -119,13 +139,70 @@ def _image(
             rotation,
             shift,
             size,
-            distortion[:4] if fisheye else distortion,
-            projection="fisheye" if fisheye else "perspective",
+            distortion,
+            projection="fisheye" if model.is_fisheye else "perspective",
             name=name,
         )
     except SolariError as error:
-        raise SolariError(f"{path}, line {number}: {error}") from None
+        raise SolariError(f"{where}: {error}") from None
     return ColmapImage(name, camera, size)
+
+
+def _parameter_count(model: Model) -> int:
+    return (3 if model.is_simple else 4) + len(model.places)
+
+
+def _load_binary(folder: Path) -> list[ColmapImage]:
+    names = {model.number: name for name, model in MODELS.items()}
+    lenses = {}
+    file = _Binary(folder / "cameras.bin")
+    for _ in range(file.take("Q")[0]):
+        charge(_BYTES_PER_CAMERA, str(file.path), "its cameras")
+        camera_id, number, width, height = file.take("iiQQ")
+        if number not in names:
+            raise SolariError(f"{file.path}: camera {camera_id} has the model {number}, not one of {', '.join(MODELS)}")
+        parameters = file.take("d" * _parameter_count(MODELS[names[number]]))
+        words = [names[number], *map(repr, (width, height, *parameters))]
+        lenses[camera_id] = f"{file.path}, camera {camera_id}", words
+    found = []
+    file = _Binary(folder / "images.bin")
+    for _ in range(file.take("Q")[0]):
+        image_id, w, x, y, z, *shift, camera_id = file.take("i7di")
+        name = file.text()
+        charge(_BYTES_PER_CAMERA + 2 * sys.getsizeof(name), str(file.path), "its images")
+        file.skip(_POINT_BYTES * file.take("Q")[0])
+        length = math.hypot(w, x, y, z)
+        if not _SHORTEST < length < math.inf or camera_id not in lenses:
+            raise SolariError(f"{file.path}: image {image_id} has a wrong quaternion, or a camera that there isn't")
+        rotation = quaternion_rotation(x / length, y / length, z / length, w / length)
+        found.append(_image(name, rotation, shift, *lenses[camera_id]))
+    return found
+
+
+class _Binary:
+    """A binary file, little-endian."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self._data = read_regular(path, str(path))
+        self._at = 0
+
+    def take(self, kinds: str) -> tuple[Any, ...]:
+        """The next numbers, as `struct` names their types."""
+        start = self._at
+        self.skip(struct.calcsize(f"<{kinds}"))
+        return struct.unpack_from(f"<{kinds}", self._data, start)
+
+    def text(self) -> str:
+        """The text up to the next null character."""
+        start = self._at
+        self.skip(self._data.find(b"\0", start) + 1 - start)
+        return self._data[start : self._at - 1].decode(errors="replace")
+
+    def skip(self, count: int) -> None:
+        if count < 0 or count > len(self._data) - self._at:
+            raise SolariError(f"{self.path}: is cut off: export it again")
+        self._at += count
 
 
 def save_colmap(
@@ -179,7 +256,7 @@ def _lens(camera: Camera, size: tuple[int, int]) -> str:
     else:
         model = "OPENCV" if coefficients else "PINHOLE"
     (fx, _, cx), (_, fy, cy), _ = camera.intrinsics(size).tolist()
-    parameters = fx, fy, cx + CENTER, cy + CENTER, *distortion[: len(MODELS[model][0])]
+    parameters = fx, fy, cx + CENTER, cy + CENTER, *distortion[: len(MODELS[model].places)]
     return " ".join((model, *map(str, size), *(f"{value:.17g}" for value in parameters)))
 
 

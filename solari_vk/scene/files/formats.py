@@ -60,6 +60,9 @@ def writes(*suffixes: str) -> Callable[[Function], Function]:
     return register
 
 
+_SPLATS = (".spz", ".splat", ".ksplat", ".sog")
+
+
 @cache
 def _import_formats() -> None:
     # Not by name: formats import the class Scene, whose module imports this one to read and write files.
@@ -88,9 +91,8 @@ def read_file(
     suffix = Path(path).suffix.lower()
     reader = _READERS.get(suffix)
     if reader is None:
-        raise SolariError(
-            f"{path}: {suffix or 'a file without an ending'} is not read: give a file of {', '.join(_READERS)}"
-        )
+        what = "compressed Gaussian splats" if suffix in _SPLATS else suffix or "a file without an ending"
+        raise SolariError(f"{path}: {what} is not read: give a file of {', '.join(_READERS)}")
     # An option that is left out has the reader's own default.
     chosen = {name: value for name, value in options.items() if value is not None}
     for other in _READERS.values():

@@ -1,4 +1,4 @@
-"""Meshes from OBJ, PLY and STL files, by the library trimesh."""
+"""Meshes from OBJ and STL files, by the library trimesh, and from PLY files."""
 
 from __future__ import annotations
 
@@ -18,12 +18,16 @@ from solari_vk.base.errors import SolariError, quoted
 from solari_vk.base.files import read_regular
 from solari_vk.scene import checks
 from solari_vk.scene.files.formats import reads
+from solari_vk.scene.files.gltf.points_and_lines import DRAWN_POINTS, with_surface
+from solari_vk.scene.files.gltf.values import Entry
 from solari_vk.scene.files.libraries import library, warn_of_missing
+from solari_vk.scene.files.mesh_parts import MeshPart, ply_parts, stl_colors, triangulated_obj
 from solari_vk.scene.files.mtl import MtlFiles
 from solari_vk.scene.images.mip_chain import LINEAR_OF_SRGB
 from solari_vk.scene.matrices import rotation
 from solari_vk.scene.matrices import unit as normalized
 from solari_vk.scene.meshes.smoothing import smooth_normals
+from solari_vk.scene.meshes.tangents import weld
 from solari_vk.scene.model import Instance, Material, Mesh, Scene
 
 UP_AXES = {".obj": "y", ".ply": "y", ".stl": "z"}
@@ -31,13 +35,12 @@ UP_AXES = {".obj": "y", ".ply": "y", ".stl": "z"}
 
 _BYTES_PER_BYTE = 12  # of a file, while it is read
 _BYTES_PER_PART = 2**15
+_POINT_OR_LINE = re.compile(rb"(?m)^[pl][ \t]")
 _USED_MATERIAL = re.compile(rb"(?m)^usemtl[ \t]+([^\r\n]+)")
-_PARTS = {".obj": re.compile(rb"(?m)^(?:o|g|usemtl)\b"), ".stl": re.compile(rb"endsolid")}
+_PARTS = {".obj": re.compile(rb"(?m)^(?:o|g|usemtl)\b"), ".stl": re.compile(rb"endsolid"), ".ply": None}
 _BYTES_PER_TRIANGLE, _WORKING_BYTES = 150, 900  # of a triangle, and while its normals are made
-_MOST_ELEMENTS, _MOST_PROPERTIES = 16, 256
-_PLY_HEADER = re.compile(rb"\Aply.{,100000}?^end_header\r?\n", re.DOTALL | re.MULTILINE)
-_PLY_LINE = re.compile(rb"(?m)^(?:element[ \t]+\S+[ \t]+(\d{1,18})|property[ \t])")
-_BYTES_PER_LINE, _BYTES_PER_VALUE = 250, 250  # of text, as arrays of numpy
+_BYTE_ORDER_MARK = b"\xef\xbb\xbf"
+_STL_HEAD, _STL_TRIANGLE = 84, 50  # bytes
 
 
 @reads(*UP_AXES, options=("up", "unit"), only=f"{', '.join(UP_AXES)} files need the axis that points up and the unit")
@@ -48,7 +51,7 @@ def load_mesh_file(
 
     up: the file's axis that points up, "x", "y" or "z"; by default "y", and "z" for .stl. unit: the file's unit
     in meters. Meshes without normals get smooth ones, with edges sharper than 40 degrees. Raises SolariError for a
-    damaged file, and with `strict` for a missing material or image.
+    damaged file, and with `strict` for a missing material or image. A file of points alone is drawn as small spheres.
     """
     path = Path(path)
     if not 1e-12 <= unit <= 1e12:
@@ -58,17 +61,15 @@ def load_mesh_file(
     turn = _upright(up or UP_AXES[path.suffix.lower()]) * unit
     scene = Scene(name=path.stem)
     files = MtlFiles(path.parent)
-    reader = library("trimesh.exchange.load", str(path)).mesh_loaders[path.suffix[1:].lower()]
-    data = read_regular(path, str(path))
+    kind = path.suffix.lower()
+    reader = None if kind == ".ply" else library("trimesh.exchange.load", str(path)).mesh_loaders[kind[1:]]
+    data = _cleaned(read_regular(path, str(path)), kind)
     _charge_file(path, data)
-    read = _parse(reader, path, data, files)
-    for name, part in read.get("geometry", {path.stem: read}).items():
-        material = getattr(getattr(part.get("visual"), "material", None), "name", None)
-        _add(scene, path, str(name), part, files.material(str(material)), turn)
+    for part in _parts(path, reader, data, files, scene.warnings):
+        _add(scene, path, part, turn)
     if strict and files.failures:
         raise SolariError(f"{path}: {files.failures[0]}")
-    is_obj = path.suffix.lower() == ".obj"
-    _report_materials(scene, files, _USED_MATERIAL.findall(data) if is_obj else [])
+    _report_materials(scene, files, _USED_MATERIAL.findall(data) if kind == ".obj" else [])
     if not scene.instances:
         reason = scene.warnings[-1] if scene.warnings else "has no triangles"
         raise SolariError(f"{path}: {reason}: give a file with a surface")
@@ -78,12 +79,43 @@ def load_mesh_file(
 def _charge_file(path: Path, data: bytes) -> None:
     """Charge what trimesh takes for a file, before it does."""
     charge(_BYTES_PER_BYTE * len(data), str(path), "its meshes")
-    pattern = _PARTS.get(path.suffix.lower())
-    if pattern is None:
-        _check_ply(data, str(path))
-    else:
+    pattern = _PARTS[path.suffix.lower()]
+    if pattern is not None:
         parts = sum(1 for _ in pattern.finditer(data))
         charge(_BYTES_PER_PART * parts, str(path), f"its {parts:,} parts")
+
+
+def _cleaned(data: bytes, kind: str) -> bytes:
+    """A file without what readers needn't know: a byte order mark, line ends other than LF, and bytes behind the last
+    triangle of binary STL, whose number its header has."""
+    if kind == ".ply":
+        return data
+    triangles = int.from_bytes(data[_STL_HEAD - 4 : _STL_HEAD], "little")
+    end = _STL_HEAD + _STL_TRIANGLE * triangles
+    if kind == ".stl" and triangles > 0 and end <= len(data):
+        return data[:end]
+    return data.removeprefix(_BYTE_ORDER_MARK).replace(b"\r\n", b"\n").replace(b"\r", b"\n")
+
+
+def _parts(path: Path, reader: Any, data: bytes, files: MtlFiles, warnings: list[str]) -> list[MeshPart]:
+    """What a file has, without regard to its axes. reader: of trimesh."""
+    who = str(path)
+    kind = path.suffix.lower()
+    if kind == ".ply":
+        return ply_parts(data, who, path.stem, files, warnings)
+    read = _parse(reader, path, triangulated_obj(data, who) if kind == ".obj" else data, files)
+    found = []
+    for name, part in read.get("geometry", {path.stem: read}).items():
+        visual = part.get("visual")
+        material = getattr(getattr(visual, "material", None), "name", None)
+        colors = stl_colors(part, data) if kind == ".stl" else part.get("vertex_colors")
+        arrays = {"normals": part.get("vertex_normals"), "colors": colors, "uvs": getattr(visual, "uv", None)}
+        triangles = np.asarray(part.get("faces", ()), np.int64).reshape(-1, 3)
+        made = MeshPart(str(name), part.get("vertices"), triangles, material=files.material(str(material)), **arrays)
+        found.append(made)
+    if kind == ".obj" and _POINT_OR_LINE.search(data) and any(len(part.triangles) for part in found):
+        warnings.append("points and lines beside faces are left out")
+    return found
 
 
 def _parse(reader: Any, path: Path, data: bytes, files: MtlFiles) -> dict[str, Any]:
@@ -96,11 +128,8 @@ def _parse(reader: Any, path: Path, data: bytes, files: MtlFiles) -> dict[str, A
     log = library("trimesh.util", str(path)).log
     log.addFilter(silence)  # it would print the tracebacks of what it recovers from
     try:
-        # Of a .ply file's materials there are only images, which hold no more than the colors of its vertices.
         with warnings.catch_warnings(action="ignore"):  # of numpy, about numbers that are refused later
-            read: dict[str, Any] = reader(
-                io.BytesIO(data), file_type=kind, resolver=files, skip_materials=kind == "ply"
-            )
+            read: dict[str, Any] = reader(io.BytesIO(data), file_type=kind, resolver=files)
             return read
     except MemoryError:
         raise SolariError(f"{path}: too large for this machine's memory") from None
@@ -123,51 +152,62 @@ def _report_materials(scene: Scene, files: MtlFiles, used: list[bytes]) -> None:
         scene.warnings.append(f"fields and options of the .mtl file that are ignored: {', '.join(files.ignored)}")
 
 
-def _add(
-    scene: Scene, path: Path, name: str, part: dict[str, Any], material: Material | None, turn: NDArray[np.float64]
-) -> None:
+def _add(scene: Scene, path: Path, part: MeshPart, turn: NDArray[np.float64]) -> None:
     """Add a part of the file to the scene."""
-    positions = _rows(part.get("vertices"), 3)
-    triangles = library("trimesh.geometry", str(path)).triangulate_quads(part.get("faces", ()))
-    if triangles.ndim != 2 or triangles.shape[1] != 3 or not np.size(part.get("vertices", ())):
-        scene.warnings.append(f"parts without triangles are left out: '{name}'")
-        return
+    name, triangles = part.name, part.triangles
+    positions = _rows(part.positions, 3)
     if positions is None:
         scene.warnings.append(f"parts with vertices that aren't finite are left out: '{name}'")
         return
-    if triangles.min() < 0 or triangles.max() >= len(positions):
+    if triangles.size and (triangles.min() < 0 or triangles.max() >= len(positions)):
         raise SolariError(f"{path}: '{name}' has triangles of vertices that don't exist: export the file again")
     # Before the normals are made, whose arrays are the largest.
     working = _WORKING_BYTES * len(triangles)
     charge(_BYTES_PER_TRIANGLE * len(triangles), f"{path}: '{name}'", f"{len(triangles):,} triangles", working=working)
     positions = positions @ turn.T
-    if not np.abs(positions).max() <= checks.LARGEST_COORDINATE:
+    if not np.abs(positions).max(initial=0) <= checks.LARGEST_COORDINATE:
         raise SolariError(
             f"{path}: '{name}' has coordinates that aren't finite, or above {checks.LARGEST_COORDINATE:g} meters: "
             "export the file again, or give its unit"
         )
-    a, b, c = (positions[triangles[:, corner]] for corner in range(3))
-    # Triangles without area have no normal.
-    triangles = triangles[np.cross(b - a, c - a).any(axis=1)]
-    if not len(triangles):
-        scene.warnings.append(f"parts whose triangles have no area are left out: '{name}'")
-        return
-    if part.get("face_colors") is not None:
-        scene.warnings.append(f"colors of faces are ignored: '{name}'")
-    mesh = _mesh(name, part, positions, triangles, turn)
-    scene.add(Instance(mesh, material if material is not None else _plain(mesh.colors is not None), name=name))
+    if not len(triangles) and len(positions):
+        mesh = _points(scene, path, part, positions)
+    else:
+        a, b, c = (positions[triangles[:, corner]] for corner in range(3))
+        # Triangles without area have no normal.
+        triangles = triangles[np.cross(b - a, c - a).any(axis=1)]
+        if not len(triangles):
+            scene.warnings.append(f"parts whose triangles have no area are left out: '{name}'")
+            return
+        mesh = _mesh(part, positions, triangles, turn)
+    material = part.material if part.material is not None else _plain(mesh.colors is not None)
+    scene.add(Instance(mesh, material, name=name))
 
 
-def _mesh(
-    name: str, part: dict[str, Any], positions: NDArray[np.float64], triangles: NDArray[Any], turn: NDArray[np.float64]
-) -> Mesh:
+def _points(scene: Scene, path: Path, part: MeshPart, positions: NDArray[np.float64]) -> Mesh:
+    """The spheres of points without faces."""
+    vertices: dict[str, NDArray[Any]] = {"POSITION": positions.astype(np.float32)}
+    colors = _colors(part.colors, len(positions))
+    if colors is not None:
+        vertices["COLOR"] = colors
+    entry = Entry(str(path), f"'{part.name}'", {})
+    found, triangles, step = with_surface(vertices, np.arange(len(positions), dtype=np.uint32), 0, entry)
+    scene.warnings.append(f"{DRAWN_POINTS}: '{part.name}'")
+    if step > 1:
+        scene.warnings.append(f"only one of {step} points is drawn: '{part.name}'")
+    return Mesh(found["POSITION"], triangles, normals=found["NORMAL"], colors=found.get("COLOR"), name=part.name)
+
+
+def _mesh(part: MeshPart, positions: NDArray[np.float64], triangles: NDArray[Any], turn: NDArray[np.float64]) -> Mesh:
     """The mesh of a part, with the file's normals or smooth ones."""
-    colors = _colors(part.get("vertex_colors"), len(positions))
-    uvs: Any = _rows(getattr(part.get("visual"), "uv", None), 2, len(positions))
-    normals: Any = _rows(part.get("vertex_normals"), 3, len(positions))
+    colors = _colors(part.colors, len(positions))
+    uvs: Any = _rows(part.uvs, 2, len(positions))
+    normals: Any = _rows(part.normals, 3, len(positions))
     if normals is None:
-        # Sharp edges split vertices, so that all else is needed for the split ones.
-        source, normals, triangles = smooth_normals(positions, triangles)
+        # Sharp edges split vertices, and so do edges of colors and uvs.
+        given = [values for values in (colors, uvs) if values is not None]
+        apart = weld(np.hstack(given)) if given else None
+        source, normals, triangles = smooth_normals(positions, triangles, apart=apart)
         positions = positions[source]
         colors = None if colors is None else colors[source]
         uvs = None if uvs is None else uvs[source]
@@ -177,7 +217,12 @@ def _mesh(
     if uvs is not None:
         uvs = np.array([0, 1]) + np.array([1, -1]) * uvs  # v increases upwards in these files, downwards in glTF
     return Mesh(
-        positions.astype(np.float32), triangles.astype(np.uint32), normals=normals, uvs=uvs, colors=colors, name=name
+        positions.astype(np.float32),
+        triangles.astype(np.uint32),
+        normals=normals,
+        uvs=uvs,
+        colors=colors,
+        name=part.name,
     )
 
 
@@ -212,48 +257,3 @@ def _upright(up: str) -> NDArray[np.float64]:
     """The rotation (3, 3) that turns a file's axis upwards."""
     turns = {"y": np.eye(3), "z": rotation((1, 0, 0), -math.pi / 2), "x": rotation((0, 0, 1), math.pi / 2)}
     return turns[up]
-
-
-def _check_ply(data: bytes, who: str) -> None:
-    """Charge what reading a .ply file takes. Raises SolariError for a header that says more than the file can have: the
-    reader of trimesh would believe it, and take memory and time for it."""
-    # The counts of the header, which the reader would allocate for, must fit into the file.
-    header = _PLY_HEADER.match(data)
-    if header is None:
-        raise SolariError(f"{who}: its header is missing or too long: export it again")
-    counts, properties = _ply_elements(header[0])
-    if len(counts) > _MOST_ELEMENTS or sum(properties) > _MOST_PROPERTIES:
-        raise SolariError(
-            f"{who}: has {len(counts)} elements and {sum(properties)} properties; at most "
-            f"{_MOST_ELEMENTS} and {_MOST_PROPERTIES} are read: leave out what isn't needed"
-        )
-    values = sum(count * max(width, 1) for count, width in zip(counts, properties, strict=True))
-    if values > len(data):
-        raise SolariError(f"{who}: says that it has {values:,} values, but has {len(data):,} bytes: export it again")
-    if b"ascii" in header[0][:100]:
-        _charge_ply_lines(data[header.end() :].split(b"\n"), counts, properties, who)
-
-
-def _ply_elements(header: bytes) -> tuple[list[int], list[int]]:
-    """For each kind of element, such as vertices and faces, how many the file has, and their number of properties."""
-    counts: list[int] = []
-    properties: list[int] = []
-    for line in _PLY_LINE.finditer(header):
-        if line[1]:
-            counts.append(int(line[1]))
-            properties.append(0)
-        elif properties:
-            properties[-1] += 1
-    return counts, properties
-
-
-def _charge_ply_lines(lines: list[bytes], counts: list[int], properties: list[int], who: str) -> None:
-    """Charge the lines of a text file. Elements whose lines differ in length, such as faces of triangles and quads,
-    trimesh makes an array each."""
-    start = 0
-    uneven = 0
-    for count, width in zip(counts, properties, strict=True):
-        if len({len(line.split()) for line in lines[start : start + count]}) > 1:
-            uneven += count * width
-        start += count
-    charge(_BYTES_PER_LINE * len(lines) + _BYTES_PER_VALUE * uneven, who, "its lines")

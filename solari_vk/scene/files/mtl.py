@@ -28,6 +28,8 @@ _KNOWN = {"kd", "ke", "ns", "pr", "pm", "ni", "d", "tr"}
 _HARMLESS = {"ka", "illum", "sharpness"}  # for rasterizers without shadows
 _OPTION = re.compile(r"-([a-z]+)((?:\s+(?:on|off|[-+.\d][-+.\de]*|[rgbmlz]))*)\s+", re.IGNORECASE)  # and its values
 _HARMLESS_OPTIONS = {"blendu", "blendv", "texres"}
+_MASK = "map_d"
+_MOST_BETWEEN = 0.1  # of a mask's texels, on the edges of what it cuts out
 _TEXTURES = {"map_kd": "base_color_texture", "map_ke": "emissive_texture", "norm": "normal_texture"}
 
 
@@ -77,7 +79,7 @@ class MtlFiles:
 
     def _make(self, name: str, fields: dict[str, str]) -> Material:
         properties = {key.lower(): value for key, value in fields.items()}
-        known = {*_KNOWN, *_HARMLESS, *_TEXTURES}
+        known = {*_KNOWN, *_HARMLESS, *_TEXTURES, _MASK}
         self.ignored |= dict.fromkeys(key for key in fields if key and key[0] != "#" and key.lower() not in known)
         textures = self._read_textures(properties)
         color = _numbers(properties.get("kd"), 0.8, 1.0)
@@ -92,6 +94,7 @@ class MtlFiles:
         # F0 = ((n - 1) / (n + 1))^2 = 0.16 reflectance^2. A file without Ni means the usual 1.5, and so does Ni 1.
         index = max(_number(properties.get("ni"), 1.5, 10.0), 1.0)
         reflectance: Any = (index - 1) / (index + 1) / 0.4 if index > 1 else 0.5
+        alpha_mode = self._add_mask(properties, textures)
         opacity = _number(properties.get("d"), 1.0 - _number(properties.get("tr"), 0.0, 1.0), 1.0)
         return Material(
             name=name,
@@ -102,7 +105,7 @@ class MtlFiles:
             metallic=_number(properties.get("pm"), 0.0, 1.0),
             reflectance=reflectance,
             alpha=opacity,
-            alpha_mode="blend" if opacity < 1 else "opaque",
+            alpha_mode="blend" if opacity < 1 else alpha_mode,
             **textures,
         )
 
@@ -110,10 +113,28 @@ class MtlFiles:
         """The textures of a material by the field of Material; without those that can't be read."""
         textures: dict[str, Any] = {}
         for key, field in _TEXTURES.items():
-            image = self._image(self._without_options(properties[key])) if key in properties else None
+            image = self.image(self._without_options(properties[key])) if key in properties else None
             if image is not None:
                 textures[field] = image
         return textures
+
+    def _add_mask(self, properties: dict[str, str], textures: dict[str, Any]) -> str:
+        """Give the base color texture the alpha of `map_d`: that picture's alpha, or its red without one. Returns the
+        alpha mode: "mask" where nearly all is either there or not."""
+        mask = self.image(self._without_options(properties[_MASK])) if _MASK in properties else None
+        if mask is None:
+            return "opaque"
+        alpha = mask.pixels[..., 0 if mask.least_alpha == 1 else 3]
+        base = textures.get("base_color_texture")
+        size = mask.pixels.shape[:2] if base is None else base.pixels.shape[:2]
+        # Nearest texels, where the pictures differ in size.
+        rows, columns = (np.arange(new) * old // new for new, old in zip(size, alpha.shape, strict=True))
+        pixels = np.full((*size, 4), 255, np.uint8) if base is None else base.pixels.copy()
+        pixels[..., 3] = alpha[rows[:, None], columns]
+        charge(pixels.nbytes, mask.name, "its alpha")
+        textures["base_color_texture"] = TextureImage(pixels, mask.name if base is None else base.name)
+        between = np.mean((alpha > 31) & (alpha < 224))
+        return "mask" if between < _MOST_BETWEEN else "blend"
 
     def _without_options(self, value: str) -> str:
         """The name of a texture's file, which stands behind options and may have spaces."""
@@ -125,12 +146,13 @@ class MtlFiles:
             option = _OPTION.match(value)
         return value
 
-    def _image(self, name: str) -> TextureImage | None:
+    def image(self, name: str) -> TextureImage | None:
+        """A picture in the folder; None (among the failures) for one that can't be read."""
         if name not in self._images:
             self._images[name] = None
             try:
                 who = f"the image '{name}'"
-                image = image_files.open_image(self._read(name), who)
+                image = image_files.open_image(self._read(name), who, image_files.MORE_FORMATS)
                 pixels = image_files.decode(image, who)
                 self._images[name] = TextureImage(pixels, os.path.basename(name))
             except BudgetError:

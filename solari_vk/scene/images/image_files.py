@@ -1,4 +1,4 @@
-"""Pictures from files, as 8-bit RGBA: PNG, JPEG, WebP and DDS by Pillow, KTX2 and EXR."""
+"""Pictures from files, as 8-bit RGBA: PNG, JPEG, WebP, DDS and more by Pillow, KTX2 and EXR."""
 
 from __future__ import annotations
 
@@ -26,8 +26,13 @@ _WORKING_BYTES_OF = {"WEBP": 20, "DDS": 40, "EXR": 40}
 _BYTE_OF_16_BITS = np.rint(np.arange(2**16) / 257).astype(np.uint8)
 
 
-def open_image(data: bytes | memoryview, who: str) -> Any:
-    """Open an image, check its header and charge its pixels; `decode` reads them. `who` names the image in errors."""
+_FORMATS = ("PNG", "JPEG", "WEBP", "DDS")
+MORE_FORMATS = ("BMP", "GIF", "TIFF", "TGA")  # of programs that write OBJ; glTF has none of them
+
+
+def open_image(data: bytes | memoryview, who: str, more: tuple[str, ...] = ()) -> Any:
+    """Open an image, check its header and charge its pixels; `decode` reads them. `who` names the image in errors.
+    more: further formats of Pillow."""
     image: Any
     # By content, not by suffix: glTF files name their images wrongly often enough.
     if data[:12] == ktx2.IDENTIFIER:
@@ -39,7 +44,7 @@ def open_image(data: bytes | memoryview, who: str) -> Any:
     elif data[:4] == exr.IDENTIFIER:
         image = exr.ExrImage(bytes(data), who)
     else:
-        image = _open_by_pillow(data, who)
+        image = _open_by_pillow(data, who, (*_FORMATS, *more))
     if max(image.width, image.height) > LARGEST_SIDE or image.width * image.height > LARGEST_PIXEL_COUNT:
         raise SolariError(_too_large(who, f"has {image.width} x {image.height} pixels; "))
     count = image.width * image.height
@@ -55,7 +60,8 @@ def read_pixels(path: str | os.PathLike[str], data: bytes | None = None) -> Pixe
     """
     who = os.fspath(path)
     with load_budget():
-        return decode(open_image(read_regular(Path(who), who) if data is None else data, who), who)
+        found = read_regular(Path(who), who) if data is None else data
+        return decode(open_image(found, who, MORE_FORMATS), who)
 
 
 def working_bytes(image: Any) -> int:
@@ -65,14 +71,14 @@ def working_bytes(image: Any) -> int:
     return int(_WORKING_BYTES_OF.get(kind, _WORKING_BYTES) * image.width * image.height) + chunks
 
 
-def _open_by_pillow(data: bytes | memoryview, who: str) -> Any:
+def _open_by_pillow(data: bytes | memoryview, who: str, formats: tuple[str, ...]) -> Any:
     from PIL import Image, UnidentifiedImageError
 
     try:
         with warnings.catch_warnings():
             # The limits below replace Pillow's warning.
             warnings.simplefilter("ignore")
-            return Image.open(io.BytesIO(data), formats=("PNG", "JPEG", "WEBP", "DDS"))
+            return Image.open(io.BytesIO(data), formats=formats)
     except UnidentifiedImageError:
         raise SolariError(
             f"{who} is not a PNG, JPEG, WebP, KTX2, DDS or EXR image, or is damaged: save it again as one of these"
@@ -96,6 +102,8 @@ def decode(image: Any, who: str, *, linear: bool = False) -> Pixels:
             return _codes(image.colors(who), linear)
         if image.format == "DDS":
             return _decode_dds(image, who)
+        if image.mode == "F":
+            raise SolariError(f"{who} has floating-point numbers: save it with 8 or 16 bits a channel, or as EXR")
         if image.mode in ("I;16", "I;16B", "I;16L", "I"):
             # Pillow's own conversion of 16-bit gray to RGBA clips at 255.
             # _BYTE_OF_16_BITS divides by 257, which maps 65535 to 255.

@@ -15,14 +15,17 @@ SHARPEST_SMOOTH_ANGLE = math.radians(40)
 
 
 def smooth_normals(
-    positions: NDArray[Any], triangles: NDArray[Any], sharpest: float = SHARPEST_SMOOTH_ANGLE
+    positions: NDArray[Any],
+    triangles: NDArray[Any],
+    sharpest: float = SHARPEST_SMOOTH_ANGLE,
+    apart: NDArray[np.int64] | None = None,
 ) -> tuple[NDArray[np.int64], NDArray[np.float32], NDArray[np.uint32]]:
     """Split vertices (K,), their normals (K, 3), and triangles (M, 3) over them.
 
     Vertex i has the position `positions[split[i]]`. Triangles that share an edge, also by equal positions, have common
     normals at it unless their planes differ by more than `sharpest`, in radians. A normal is the mean over the
     triangles of its vertex, weighted by their angles there: Thürmer and Wüthrich, "Computing vertex normals from
-    polygonal facets" (1998).
+    polygonal facets" (1998). apart (N,): vertices that differ by it stay apart, though they have a common normal.
     """
     welded = weld(positions)[triangles.astype(np.int64)]
     points = np.asarray(positions, np.float64)[triangles]
@@ -37,7 +40,7 @@ def smooth_normals(
     group = components(
         len(across), np.concatenate([edge, next_corner(edge)]), np.concatenate([next_corner(other), other])
     )
-    # Corners of one group are one vertex of the result.
+    # Corners of one group have one normal.
     _, first, corner = np.unique(group, return_index=True, return_inverse=True)
     after, before = (unit(np.roll(points, -step, axis=1) - points) for step in (1, 2))
     # The angle at each corner, between the edges to its neighbors.
@@ -46,8 +49,12 @@ def smooth_normals(
     summed = np.stack([np.bincount(corner, weighted[:, axis], len(first)) for axis in range(3)], axis=1)
     normals = unit(summed)
     normals[~normals.any(axis=1)] = (0, 1, 0)
-    split = triangles.reshape(-1).astype(np.int64)[first]
-    return split, normals.astype(np.float32), corner.reshape(-1, 3).astype(np.uint32)
+    vertices = triangles.reshape(-1).astype(np.int64)
+    if apart is not None:
+        pairs = np.stack([corner.reshape(-1), apart[vertices]], axis=1)
+        _, first, corner = np.unique(pairs, axis=0, return_index=True, return_inverse=True)
+        normals = normals[pairs[first, 0]]
+    return vertices[first], normals.astype(np.float32), corner.reshape(-1, 3).astype(np.uint32)
 
 
 def area_vectors(positions: NDArray[Any], triangles: NDArray[Any]) -> NDArray[np.float64]:

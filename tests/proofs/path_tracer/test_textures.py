@@ -206,6 +206,33 @@ def test_a_second_set_of_uvs(tracer):
     renderer = look(tracer, material, mesh)
     np.testing.assert_allclose(quadrants(renderer["albedo"]), COLORS[:, ::-1], atol=2e-3)
     np.testing.assert_allclose(quadrants(renderer["emissive"]), COLORS[::-1], atol=2e-3)
+    # Any set has the textures that use it; the renderer's shaders follow an edit.
+    mesh.more_uvs = [QUAD.uvs, [1, 0] + [-1, 1] * QUAD.uvs]
+    for uv_set, expected in ((3, COLORS[::-1, ::-1]), (2, COLORS[::-1])):
+        material.base_color_texture.uv_set = uv_set
+        renderer.render(sv.Camera(vertical_fov=2 * math.atan(0.5)), samples=4)
+        np.testing.assert_allclose(quadrants(renderer["albedo"]), expected, atol=2e-3)
+
+
+def test_tangents_fit_the_normal_map(tracer):
+    """Whatever set of uvs a normal map has and however it is turned, it looks the same on a mesh with tangents for
+    another map as on one without."""
+    turned = QUAD.uvs @ np.array([[0.6, -0.8], [0.8, 0.6]])
+    turn = np.array([[0.0, 1, 0], [-1, 0, 0]])
+    maps = [flat(204, 89, 0) for _ in range(3)]
+    maps[1].uv_set, maps[2].uv_transform = 1, turn
+    tangents = np.tile((1, 0, 0, -1), (4, 1))
+    own = quad_with(second_uvs=turned, tangents=tangents, tangent_frame=maps[0].tangent_frame)
+    none = quad_with(second_uvs=turned)
+    x, y = 204 / 255 * 2 - 1, 89 / 255 * 2 - 1
+    # Of the first map x is along u, y against v. The uvs of the second are turned by atan(4 / 3), the third by 90°.
+    slopes = [(x, -y), (0.6 * x + 0.8 * y, 0.8 * x - 0.6 * y), (y, x)]
+    for normal_map, slope in zip(maps, slopes, strict=True):
+        for mesh in (own, none):
+            renderer = look(tracer, sv.Material(normal_texture=normal_map), mesh)
+            expected = np.array((*slope, math.sqrt(1 - x * x - y * y)))
+            seen = renderer["shading_normal"][16, 16, :3]
+            np.testing.assert_allclose(seen, expected / np.linalg.norm(expected), atol=5e-3)
 
 
 def test_a_mesh_without_second_uvs_uses_the_first_ones(tracer):

@@ -30,6 +30,13 @@ def load(job: dict[str, Any], folder: Path) -> Callable[[int, int], Any]:
         thing.animation_data_clear()
         if thing.type in ("LIGHT", "CAMERA"):
             bpy.data.objects.remove(thing)
+        elif thing.type == "MESH":
+            # Cycles' defaults light surfaces beyond the shadow terminator, where the other renderers don't.
+            # Versions of Blender have the properties at one place or the other.
+            for owner in (thing, thing.cycles):
+                for name in ("geometry_offset", "shading_offset", "offset"):
+                    if hasattr(owner, f"shadow_terminator_{name}"):
+                        setattr(owner, f"shadow_terminator_{name}", 0)
     decoded: dict[str, Any] = {}
     for material in bpy.data.materials:
         _shine_on_the_front(material)
@@ -64,14 +71,16 @@ def load(job: dict[str, Any], folder: Path) -> Callable[[int, int], Any]:
 
 
 def still(file: Path, folder: Path) -> Path:
-    """A glTF file, or a copy in the folder without its clips, of which Blender would show the first frame, and in which
-    primitives without a material have glTF's default one, in place of Blender's."""
+    """A glTF file, or a copy in the folder without its clips, of which Blender would show the first frame, and without
+    occlusion, whose images Blender reads as data even where they are colors of other textures too. Primitives without a
+    material have glTF's default one there, in place of Blender's."""
     data = file.read_bytes()
     end = 20 + struct.unpack_from("<I", data, 12)[0] if data[:4] == b"glTF" else None  # of a .glb file's JSON
     content = json.loads(data if end is None else data[20:end])
     has_clips = bool(content.pop("animations", None))
     has_plain = _give_materials(content)
-    if not has_clips and not has_plain:
+    occlusion = [material.pop("occlusionTexture", None) for material in content.get("materials", ())]
+    if not has_clips and not has_plain and not any(occlusion):
         return file
     # The copy lies in another folder, from which relative paths would lead nowhere.
     for entry in (*content.get("buffers", ()), *content.get("images", ())):

@@ -69,6 +69,13 @@ class Accessors:
         self._floats.pop(index, None)
         self._provided[index] = array
 
+    def find_data(self, index: int, user: Entry) -> None:
+        """Raise SolariError if an accessor's bytes aren't there."""
+        accessor = self._document.item("accessor", index, user)
+        view = accessor.index("bufferView")
+        if view is not None:
+            self._document.view(view, accessor)
+
     def floats(self, index: int, user: Entry, kinds: tuple[str, ...]) -> NDArray[np.float32]:
         """Finite float32 values (count, components); integers are normalized if the accessor is.
 

@@ -13,7 +13,7 @@ from solari_vk.scene.animation.keyframes import INTERPOLATIONS, WIDTHS, Channel
 from solari_vk.scene.animation.rig import Rig
 from solari_vk.scene.files.gltf.accessors import Accessors
 from solari_vk.scene.files.gltf.document import Document
-from solari_vk.scene.files.gltf.nodes import PlacedNode, local_matrix, node_visibility
+from solari_vk.scene.files.gltf.nodes import NO_QUATERNION, PlacedNode, local_matrix, node_visibility
 from solari_vk.scene.files.gltf.pointers import NODE, AnimatedObject, Property
 from solari_vk.scene.files.gltf.report import Report
 from solari_vk.scene.files.gltf.values import Entry, shown
@@ -215,6 +215,10 @@ class Animations:
                 f"has {len(values)} values for {len(times)} keys of {path}, but {per_key} of {width} numbers a key are "
                 "needed; export the file again"
             )
+        values = values.reshape(*parts, width)
+        # Tangents of splines have any length.
+        if path == "rotation" and not (values if values.ndim == 2 else values[:, 1]).any(axis=1).all():
+            self._report.add(NO_QUATERNION, sampler.place)
         # Times become floats of Python, values 64 bits.
         sampler.charge(40 * len(times) + 24 * values.size, "its keys")  # of each channel that uses them
-        return times, values.reshape(*parts, width), interpolation
+        return times, values, interpolation

@@ -142,7 +142,8 @@ EXTENSIONS = (
     Extension(
         "KHR_materials_clearcoat",
         "works",
-        "",
+        "a coat doesn't darken what is emitted below it, of which the extension takes 4 % straight on and all at "
+        "grazing angles: lamps emit alike in all directions",
         _clearcoat,
         {
             "clearcoat_texture": "clearcoatTexture",

@@ -24,7 +24,16 @@ from solari_vk.scene.files.gltf.image_lights import read_environment
 from solari_vk.scene.files.gltf.lights import EXTENSION as LIGHTS
 from solari_vk.scene.files.gltf.lights import PROFILES, Lights
 from solari_vk.scene.files.gltf.materials import Materials, Variants
-from solari_vk.scene.files.gltf.nodes import LEVELS, PlacedNode, repeated, repetitions, roots, skin_of, walk
+from solari_vk.scene.files.gltf.nodes import (
+    LEVELS,
+    NO_QUATERNION,
+    PlacedNode,
+    repeated,
+    repetitions,
+    roots,
+    skin_of,
+    walk,
+)
 from solari_vk.scene.files.gltf.pointers import AnimatedObject
 from solari_vk.scene.files.gltf.poses import Pose
 from solari_vk.scene.files.gltf.primitives import WRONG_PRIMITIVES, Primitives
@@ -159,6 +168,8 @@ class _Loader:
         """Add a node's mesh, camera, lights and portal."""
         entry = node.entry
         self._report.add_extensions(entry, _NODE_EXTENSIONS)
+        if not any(entry.numbers("rotation", (1.0, 1.0, 1.0, 1.0))):
+            self._report.add(NO_QUATERNION, entry.place)
         if "mesh" in entry:
             with self._report.costs("nodes with wrong data have no surface"):
                 self._add_meshes(node, placed)
@@ -269,6 +280,8 @@ class _Loader:
         """Load the materials of the meshes that `_check_instance_count` has found."""
         users: dict[int, Entry] = {}
         for primitive in chain.from_iterable(self._mesh_primitives.values()):
+            # A buffer that is missing is noticed before images are decoded, which takes longest.
+            self._primitives.find_data(primitive)
             with self._report.costs(WRONG_PRIMITIVES):
                 materials = [primitive.index("material"), *self._variants.materials(primitive).values()]
                 new = [material for material in materials if material is not None and material not in users]
@@ -289,7 +302,7 @@ class _Loader:
         mirrored = skin is not None and _is_mirroring(node.world)
         parts = self._parts(node, mesh, skin is not None)
         # glTF 2.0, 3.7.3: the place of a skinned mesh follows from its joints alone.
-        for local in repeated(node, self._accessors) if skin is None else np.eye(4)[None]:
+        for local in repeated(node, self._accessors, self._report) if skin is None else np.eye(4)[None]:
             where = self._place(node, local, skin is not None)
             if where is None:
                 continue
@@ -311,11 +324,11 @@ class _Loader:
         with np.errstate(over="ignore", invalid="ignore"):
             world = local if skinned else node.world @ local
         try:
-            return checks.affine_transform(world), node.visible
+            return checks.placing_transform(world), node.visible
         except ValueError:
             if self._animations.row(node.number) is not None:
                 return np.eye(4), False  # until an animation gives it a size
-            remark = "nodes whose transform is singular or not affine have no surface"
+            remark = "nodes whose transform isn't affine, or has a scale of 0 along more than one axis, have no surface"
             self._report.add(remark, node.entry.place)
             return None
 
@@ -355,12 +368,14 @@ class _Loader:
         material = self._materials[primitive.index("material")]
         numbers = self._variants.materials(primitive)
         others = {name: self._materials[number] for name, number in numbers.items()}
-        # One mesh serves all variants, so it has tangents if any of them has a normal map.
-        wanted = next((one for one in (material, *others.values()) if one.normal_map is not None), material)
-        made = self._primitives.mesh(primitive, (mesh.name or mesh.place) + suffix, wanted, skinned)
+        # One mesh serves all variants.
+        users = [material, *others.values()]
+        made = self._primitives.mesh(
+            primitive, (mesh.name or mesh.place) + suffix, users, self._materials.uv_sets, skinned
+        )
         if made is None:
             return []
-        return [Part(suffix, made, material.material, {name: other.material for name, other in others.items()})]
+        return [Part(suffix, made, material, others)]
 
 
 def _is_mirroring(world: Any) -> bool:

@@ -5,7 +5,7 @@ Occlusion textures are ignored without a warning, because a ray tracer computes 
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -28,16 +28,6 @@ _UNLIT = "KHR_materials_unlit"
 _WRONG = "wrong materials are replaced by the default one"
 
 
-@dataclass
-class LoadedMaterial:
-    """A material, and what its meshes must have."""
-
-    material: Material
-    uv_sets: tuple[int, ...] = ()
-    """The sets of uvs that its textures use: the mesh's uvs and second_uvs."""
-    normal_map: Slot | None = None
-
-
 class Materials:
     """Creates the materials of the scene, and keeps them."""
 
@@ -46,7 +36,7 @@ class Materials:
         self._report = report
         self._textures = Textures(document, report, strict)
         self._baker = specular_glossiness.Baker(report)
-        self._loaded: dict[int | None, LoadedMaterial] = {}
+        self._loaded: dict[int | None, Material] = {}
 
     def load(self, users: dict[int, Entry]) -> None:
         """Load these materials (index: the object that refers to it) and all their images."""
@@ -62,19 +52,22 @@ class Materials:
             with self._report.costs(_WRONG):
                 self._loaded[index] = self._make(entry, readable)
 
-    def __getitem__(self, index: int | None) -> LoadedMaterial:
+    @property
+    def uv_sets(self) -> tuple[int, ...]:
+        """`Textures.uv_sets`, after `load`."""
+        return self._textures.uv_sets
+
+    def __getitem__(self, index: int | None) -> Material:
         if index not in self._loaded:
             if index is not None:
                 return self[None]
             # The default material of glTF is metallic and rough.
-            self._loaded[None] = LoadedMaterial(
-                Material(
-                    base_color=np.ones(3, np.float32),
-                    metallic=1.0,
-                    perceptual_roughness=1.0,
-                    double_sided=False,
-                    name="default",
-                )
+            self._loaded[None] = Material(
+                base_color=np.ones(3, np.float32),
+                metallic=1.0,
+                perceptual_roughness=1.0,
+                double_sided=False,
+                name="default",
             )
         return self._loaded[index]
 
@@ -91,20 +84,12 @@ class Materials:
             }
             for extension, said in _read_extensions(entry):
                 found |= {field: self._textures.slot(said, key) for field, key in extension.textures.items()}
-        slots = {name: slot for name, slot in found.items() if slot is not None}
-        for name, slot in list(slots.items()):
-            # A mesh has two sets of uvs here.
-            if slot.uv_set not in _uv_sets(slots):
-                self._report.add("textures on a third set of uvs are not supported and are left out", slot.entry.place)
-                del slots[name]
-        return entry, slots
+        return entry, {name: slot for name, slot in found.items() if slot is not None}
 
-    def _make(self, entry: Entry, slots: dict[str, Slot]) -> LoadedMaterial:
+    def _make(self, entry: Entry, slots: dict[str, Slot]) -> Material:
         self._remark_extensions(entry)
-        uv_sets = _uv_sets(slots)
-        textures = {name: self._textures.texture(slot, uv_sets.index(slot.uv_set)) for name, slot in slots.items()}
-        material = Material(name=entry.name, **self._fields(entry, slots, textures))
-        return LoadedMaterial(material, uv_sets, slots.get("normal_texture"))
+        textures = {name: self._textures.texture(slot) for name, slot in slots.items()}
+        return Material(name=entry.name, **self._fields(entry, slots, textures))
 
     def _fields(self, entry: Entry, slots: dict[str, Slot], textures: dict[str, Any]) -> dict[str, Any]:
         """The fields of a material but its name."""
@@ -148,15 +133,14 @@ class Materials:
 
         moves_uvs: its textures are its own then.
         """
-        loaded = self._loaded.get(number)
+        material = self._loaded.get(number)
         entry = self._document.item("material", number, self._document.root)
         if entry.extension(specular_glossiness.EXTENSION) is not None:
             remark = f"animations of materials of {specular_glossiness.EXTENSION} are not played"
             self._report.add(remark, entry.place)
             return None
-        if loaded is None:
+        if material is None:
             return None
-        material = loaded.material
         if moves_uvs:
             textures = {name: getattr(material, name) for name in TEXTURES}
             material.update(**{name: replace(texture) for name, texture in textures.items() if texture is not None})
@@ -189,11 +173,6 @@ def _double_sided(entry: Entry) -> bool | None:
     """Both sides are visible where the file says so; the back emits too unless the file is ours and its front does."""
     visible = entry.flag("doubleSided", False)
     return None if visible and read_extras(entry, (FRONT_EMITS,)) else visible
-
-
-def _uv_sets(slots: dict[str, Slot]) -> tuple[int, ...]:
-    """The sets of uvs that a mesh has for these textures: those of the first two, in ascending order."""
-    return tuple(sorted(tuple(dict.fromkeys(slot.uv_set for slot in slots.values()))[:2]))
 
 
 def _is_unlit(entry: Entry) -> bool:

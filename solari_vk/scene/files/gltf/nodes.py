@@ -17,6 +17,7 @@ from solari_vk.scene.matrices import compose, quaternion_rotation
 
 Matrix = NDArray[np.float64]
 LEVELS = "MSFT_lod"
+NO_QUATERNION = "rotations of length 0, which are no unit quaternions, turn nothing"
 _BYTES_PER_JOINT = 1024  # of a node with a skin
 _IDENTITY = tuple(np.eye(4).reshape(-1).tolist())
 
@@ -120,8 +121,8 @@ def local_matrix(entry: Entry) -> Matrix:
     quaternion = entry.numbers("rotation", (0.0, 0.0, 0.0, 1.0))
     scale = entry.numbers("scale", (1.0, 1.0, 1.0))
     # Exporters round quaternions, whose length should be 1.
-    length = math.hypot(*quaternion) or 1.0
-    turned = quaternion_rotation(*(part / length for part in quaternion))
+    length = math.hypot(*quaternion)
+    turned = quaternion_rotation(*((part / length for part in quaternion) if length > 0 else (0.0, 0.0, 0.0, 1.0)))
     return np.array(
         [[*(a * b for a, b in zip(row, scale, strict=True)), x] for row, x in zip(turned, position, strict=True)]
         + [[0.0, 0.0, 0.0, 1.0]]
@@ -146,12 +147,14 @@ def repetitions(node: PlacedNode, accessors: Accessors) -> tuple[int, dict[str, 
 
 
 @np.errstate(over="ignore", invalid="ignore")
-def repeated(node: PlacedNode, accessors: Accessors) -> Matrix:
+def repeated(node: PlacedNode, accessors: Accessors, report: Report) -> Matrix:
     """Matrices (N, 4, 4) from a node's mesh to the node: the identity, or those of EXT_mesh_gpu_instancing."""
     count, attributes = repetitions(node, accessors)
     if not attributes:
         return np.eye(4)[None]
     found = {name: values.astype(np.float64) for name, values in attributes.items()}
+    if not found.get("ROTATION", np.ones((1, 4))).any(axis=1).all():
+        report.add(NO_QUATERNION, node.entry.place)
     return compose(
         found.get("TRANSLATION", np.zeros((count, 3))),
         found.get("ROTATION", np.tile((0.0, 0.0, 0.0, 1.0), (count, 1))),

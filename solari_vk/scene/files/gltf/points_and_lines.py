@@ -13,6 +13,9 @@ from solari_vk.scene.files.gltf.values import Entry
 from solari_vk.scene.matrices import orthogonal, unit
 
 POINT_RADIUS, LINE_RADIUS = 1 / 400, 1 / 1000  # of the diagonal of the primitive's bounds
+DRAWN_POINTS = (
+    f"points are drawn as spheres with a radius of at most 1/{1 / POINT_RADIUS:.0f} of their primitive's size"
+)
 _RADIUS_OF_ONE = 0.01  # in meters, of points that are all at one place
 _MOST_POINTS, _MOST_LINES = 2**18, 2**17  # further ones are thinned out
 _FEW = 2**15  # that are rounder

@@ -8,25 +8,24 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from solari_vk.base.budget import BudgetError
+from solari_vk.base.errors import SolariError
 from solari_vk.scene import checks
 from solari_vk.scene.files.gltf.accessors import Accessors
 from solari_vk.scene.files.gltf.deform import Vertices, deformation_of, read_joints, read_targets
 from solari_vk.scene.files.gltf.draco import DracoMeshes
-from solari_vk.scene.files.gltf.materials import LoadedMaterial
-from solari_vk.scene.files.gltf.points_and_lines import LINE_RADIUS, POINT_RADIUS, with_surface
+from solari_vk.scene.files.gltf.points_and_lines import DRAWN_POINTS, LINE_RADIUS, with_surface
 from solari_vk.scene.files.gltf.report import Report
-from solari_vk.scene.files.gltf.values import Entry
+from solari_vk.scene.files.gltf.values import Entry, WholeFileError
+from solari_vk.scene.material import TEXTURES
 from solari_vk.scene.matrices import unit
 from solari_vk.scene.meshes.smoothing import area_vectors, fitted_normals
 from solari_vk.scene.meshes.tangents import fitted_tangents, generate_tangents
-from solari_vk.scene.model import Mesh
+from solari_vk.scene.model import Material, Mesh, Texture
 
 # glTF 2.0, 5.24 (Mesh.Primitive): 0 are points, 1 to 3 lines, their loops and strips, 4 to 6 triangles.
 _TRIANGLES = 4
 _TRIANGLE_FAN = 6
-_DRAWN_POINTS = (
-    f"points are drawn as spheres with a radius of at most 1/{1 / POINT_RADIUS:.0f} of their primitive's size"
-)
 _DRAWN_LINES = f"lines are drawn as tubes with a radius of 1/{1 / LINE_RADIUS:.0f} of their primitive's size"
 WRONG_PRIMITIVES = "primitives with wrong data are left out"
 _WORKING_BYTES = 300  # a triangle, for its area and tangents
@@ -42,15 +41,22 @@ class Primitives:
         self._report = report
         self._meshes: dict[Any, Mesh | None] = {}
 
-    def mesh(self, primitive: Entry, name: str, material: LoadedMaterial, skinned: bool) -> Mesh | None:
-        """The primitive as a mesh fit for a material, or None (reported) if it has no surface.
+    def mesh(
+        self, primitive: Entry, name: str, materials: list[Material], uv_sets: tuple[int, ...], skinned: bool
+    ) -> Mesh | None:
+        """The primitive as a mesh with all that these materials need, or None (reported) if it has no surface.
 
-        skinned: with joints. Raises SolariError for wrong data.
+        It has tangents for the first material with a normal map. uv_sets: `Textures.uv_sets`. skinned: with joints.
+        Raises SolariError for wrong data.
         """
+        splats = primitive.extension("KHR_gaussian_splatting")
+        if splats is not None and any("compression" in kind for kind in splats.extensions()):
+            raise primitive.error("has compressed Gaussian splats, which aren't read: decompress them")
         attributes = primitive.entry("attributes")
         if attributes is None:
             raise primitive.error("has no 'attributes'; export the file again")
-        turned = None if material.normal_map is None else material.normal_map.uv_transform
+        normal_map = next((m.normal_texture for m in materials if m.normal_texture is not None), None)
+        uvs = [f"TEXCOORD_{number}" for number in uv_sets]
         mode = primitive.integer("mode", _TRIANGLES, high=_TRIANGLE_FAN)
         packed = self._draco.unpack(primitive, attributes)
         if packed is not None:
@@ -58,30 +64,41 @@ class Primitives:
         targets = primitive.entries("targets", "target")
         joints = [name for name in sorted(attributes.data) if skinned and name.startswith(("JOINTS_", "WEIGHTS_"))]
         key = (
-            # What two primitives have in common if they make the same mesh: accessors, uvs and, because of tangents,
-            # the normal map's transform.
-            *(attributes.index(a) for a in ("POSITION", "NORMAL", "TANGENT", "COLOR_0", *_uv_names(material))),
+            # What two primitives have in common if they make the same mesh: accessors and tangents.
+            *(attributes.index(a) for a in ("POSITION", "NORMAL", "TANGENT", "COLOR_0", *uvs)),
             primitive.index("indices"),
             packed,
             mode,
-            turned,
-            material.uv_sets,
+            None if normal_map is None else normal_map.tangent_frame,
             *map(attributes.index, joints),
             tuple(tuple(sorted((k, str(v)) for k, v in target.data.items())) for target in targets),
         )
         if key not in self._meshes:
-            self._meshes[key] = self._make(primitive, attributes, mode, name, material, skinned, targets)
-        self._remark(primitive, attributes, material)
+            self._meshes[key] = self._make(primitive, attributes, mode, name, uvs, normal_map, skinned, targets)
+        self._remark(primitive, attributes, materials, uvs)
         return self._meshes[key]
 
-    def _remark(self, primitive: Entry, attributes: Entry, material: LoadedMaterial) -> None:
+    def find_data(self, primitive: Entry) -> None:
+        """Raise WholeFileError if the positions of a primitive are in no buffer that there is. Its other errors come
+        with its mesh."""
+        try:
+            attributes = primitive.entry("attributes")
+            position = attributes.index("POSITION") if attributes else None
+            if attributes and position is not None:
+                self._accessors.find_data(position, attributes)
+        except (BudgetError, WholeFileError):
+            raise
+        except SolariError:
+            return
+
+    def _remark(self, primitive: Entry, attributes: Entry, materials: list[Material], uvs: list[str]) -> None:
         self._report.add_extensions(primitive, _HARMLESS)
-        names = _uv_names(material)[: len(material.uv_sets)]
-        for uvs in names:
-            if uvs not in attributes:
-                replaced = uvs != names[0] and names[0] in attributes
-                effect = f"use {names[0]} in its place" if replaced else "see their textures at a single point"
-                self._report.add(f"meshes without {uvs} {effect}", primitive.place)
+        textures = [getattr(material, slot) for material in materials for slot in TEXTURES]
+        for name in sorted({uvs[texture.uv_set] for texture in textures if texture is not None}):
+            if name not in attributes:
+                replaced = uvs[0] in attributes
+                effect = f"use {uvs[0]} in its place" if replaced else "see their textures at a single point"
+                self._report.add(f"meshes without {name} {effect}", primitive.place)
 
     def _make(
         self,
@@ -89,11 +106,12 @@ class Primitives:
         attributes: Entry,
         mode: int,
         name: str,
-        material: LoadedMaterial,
+        uvs: list[str],
+        normal_map: Texture | None,
         skinned: bool,
         targets: list[Entry],
     ) -> Mesh | None:
-        vertices = self._vertices(primitive, attributes, material)
+        vertices = self._vertices(primitive, attributes, uvs)
         if vertices is None:
             return None
         corners = self._corners(primitive, len(vertices["POSITION"]))
@@ -114,15 +132,19 @@ class Primitives:
             return None
         if "NORMAL" in vertices:
             vertices["NORMAL"] = self._unit_normals(vertices["NORMAL"], triangles, cross, primitive)
+        frame = 0
         if mode >= _TRIANGLES:
-            vertices, triangles = self._with_tangents(vertices, triangles, cross, material)
+            vertices, triangles, frame = self._with_tangents(vertices, triangles, cross, uvs, normal_map)
+        first, second, *others = (vertices.get(name) for name in uvs)
         return Mesh(
             positions=vertices["POSITION"],
             triangles=triangles,
             normals=vertices.get("NORMAL"),
-            uvs=vertices.get("TEXCOORD"),
-            second_uvs=vertices.get("SECOND_TEXCOORD"),
+            uvs=first,
+            second_uvs=second,
+            more_uvs=_stacked(others, first),
             tangents=vertices.get("TANGENT"),
+            tangent_frame=frame,
             colors=vertices.get("COLOR"),
             deformation=deformation_of(vertices),
             name=name,
@@ -136,7 +158,7 @@ class Primitives:
                 moved |= read_joints(len(vertices["POSITION"]), attributes, self._accessors)
         return moved
 
-    def _vertices(self, primitive: Entry, attributes: Entry, material: LoadedMaterial) -> Vertices | None:
+    def _vertices(self, primitive: Entry, attributes: Entry, uvs: list[str]) -> Vertices | None:
         position = attributes.index("POSITION")
         if position is None:
             self._report.add("primitives without POSITION are left out", primitive.place)
@@ -146,9 +168,8 @@ class Primitives:
             "NORMAL": (attributes.index("NORMAL"), ("VEC3",)),
             "TANGENT": (attributes.index("TANGENT"), ("VEC4",)),
             "COLOR": (attributes.index("COLOR_0"), ("VEC3", "VEC4")),
+            **{name: (attributes.index(name), ("VEC2",)) for name in uvs},
         }
-        for name, uvs in zip(("TEXCOORD", "SECOND_TEXCOORD"), _uv_names(material), strict=False):
-            wanted[name] = attributes.index(uvs), ("VEC2",)
         count = self._accessors.count(position, attributes)
         vertices = {}
         for name, (index, kinds) in wanted.items():
@@ -193,7 +214,7 @@ class Primitives:
         self, primitive: Entry, mode: int, vertices: Vertices, corners: NDArray[np.uint32]
     ) -> tuple[Vertices, NDArray[np.uint32]]:
         """Vertices and triangles of points and lines."""
-        self._report.add(_DRAWN_POINTS if mode == 0 else _DRAWN_LINES, primitive.place)
+        self._report.add(DRAWN_POINTS if mode == 0 else _DRAWN_LINES, primitive.place)
         vertices, triangles, step = with_surface(vertices, corners, mode, primitive)
         if step > 1:
             self._report.add(f"only one of {step} points or lines is drawn", primitive.place)
@@ -225,30 +246,35 @@ class Primitives:
         return fitted
 
     def _with_tangents(
-        self, vertices: Vertices, triangles: NDArray[np.uint32], cross: NDArray[np.float64], material: LoadedMaterial
-    ) -> tuple[Vertices, NDArray[np.uint32]]:
-        """Vertices with the tangents that a normal map needs, and the triangles over them."""
+        self,
+        vertices: Vertices,
+        triangles: NDArray[np.uint32],
+        cross: NDArray[np.float64],
+        names: list[str],
+        normal_map: Texture | None,
+    ) -> tuple[Vertices, NDArray[np.uint32], int]:
+        """Vertices with the tangents that a normal map needs, the triangles over them, and the tangents' frame. names:
+        of the attributes with uvs."""
         normals = vertices.get("NORMAL")
-        normal_map = material.normal_map
         if "TANGENT" in vertices and normals is not None:
             vertices["TANGENT"] = fitted_tangents(vertices["TANGENT"], normals)
         if normal_map is None or "TANGENT" in vertices:
-            return vertices, triangles
-        uvs = "TEXCOORD"
-        if material.uv_sets.index(normal_map.uv_set) == 1 and "SECOND_TEXCOORD" in vertices:
-            uvs = "SECOND_TEXCOORD"
+            return vertices, triangles, 0
+        uvs = names[normal_map.uv_set]
         if uvs not in vertices:
-            return vertices, triangles
+            uvs = names[0]
+        if uvs not in vertices:
+            return vertices, triangles, 0
         if normals is None:  # flat shading: every corner has the normal of its triangle
             vertices = {attribute: values[triangles.reshape(-1)] for attribute, values in vertices.items()}
             normals = np.repeat(unit(cross), 3, axis=0).astype(np.float32)
             triangles = np.arange(triangles.size, dtype=np.uint32).reshape(-1, 3)
         # Tangents are along the u of the texture, after KHR_texture_transform has turned it.
-        linear = np.reshape(normal_map.uv_transform, (2, 3))[:, :2]
+        linear = normal_map.uv_transform[:, :2].astype(np.float64)
         split = generate_tangents(vertices["POSITION"], normals, vertices[uvs] @ linear.T, triangles)
         vertices = {attribute: values[split.source] for attribute, values in vertices.items()}
         vertices["TANGENT"] = split.tangents
-        return vertices, split.indices
+        return vertices, split.indices, normal_map.tangent_frame
 
 
 def _charge(primitive: Entry, vertices: Vertices, triangle_count: int) -> None:
@@ -271,9 +297,13 @@ def _without_unused(vertices: Vertices, triangles: NDArray[np.uint32]) -> tuple[
     return vertices, triangles
 
 
-def _uv_names(material: LoadedMaterial) -> list[str]:
-    """The attributes of the mesh's sets of uvs; without textures the first, which other materials may use."""
-    return [f"TEXCOORD_{number}" for number in material.uv_sets or (0,)]
+def _stacked(sets: list[NDArray[np.float32] | None], first: NDArray[np.float32] | None) -> NDArray[np.float32] | None:
+    """Sets of uvs (S, N, 2), the first one in place of those that there aren't; None if there are none."""
+    there = [uvs for uvs in sets if uvs is not None]
+    if not there:
+        return None
+    fallback = np.zeros_like(there[0]) if first is None else first
+    return np.stack([fallback if uvs is None else uvs for uvs in sets])
 
 
 def _compact(triangles: NDArray[np.uint32], count: int) -> tuple[NDArray[Any], NDArray[np.uint32]]:

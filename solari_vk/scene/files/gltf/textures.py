@@ -59,6 +59,9 @@ class Textures:
         self._report = report
         self._images = Images(document, report, strict)
         self._textures: dict[tuple[int, tuple[float, ...], int], Texture] = {}
+        self.uv_sets: tuple[int, ...] = (0, 1)
+        """The file's sets of uvs, by the numbers that they have in the scene's textures and meshes: the first two, and
+        those that textures use."""
 
     def slot(self, user: Entry, key: str) -> Slot | None:
         """The texture under a key of an object; None without a texture, or (reported) without a usable image."""
@@ -92,6 +95,7 @@ class Textures:
         """Read the images of all slots of the scene, each with whether its values are colors."""
         colors = {image for slot, is_color in slots if is_color for image in slot.images}
         data = {image for slot, is_color in slots if not is_color for image in slot.images}
+        self.uv_sets = tuple(sorted({0, 1} | {slot.uv_set for slot, _ in slots}))
         self._images.read({slot.images: slot.entry for slot, _ in slots}, data - colors)
 
     def __contains__(self, slot: Slot) -> bool:
@@ -104,9 +108,9 @@ class Textures:
         assert image is not None, "the slot must be among the textures"
         return image
 
-    def texture(self, slot: Slot, uv_set: int) -> Texture:
-        """The texture of a slot, after `decode`. uv_set: 0 or 1, of the mesh."""
-        key = (slot.texture, slot.uv_transform, uv_set)
+    def texture(self, slot: Slot) -> Texture:
+        """The texture of a slot, after `decode`."""
+        key = (slot.texture, slot.uv_transform, slot.uv_set)
         if key not in self._textures:
             entry = self._document.item("texture", slot.texture, slot.entry)
             index = entry.index("sampler")
@@ -120,7 +124,7 @@ class Textures:
                 minification=minification,
                 mipmaps=mipmaps,
                 uv_transform=np.reshape(slot.uv_transform, (2, 3)),
-                uv_set=uv_set,
+                uv_set=self.uv_sets.index(slot.uv_set),
             )
         return self._textures[key]
 

@@ -295,7 +295,7 @@ class RigNodes:
 
 def _is_instance_at_rest(instance: Instance, world: Matrix | None, shown: bool, visible: bool) -> bool:
     try:
-        is_placed = world is None or _are_near(instance.transform, checks.affine_transform(world))
+        is_placed = world is None or _are_near(instance.transform, checks.placing_transform(world))
     except ValueError:  # hidden until a clip gives it a size
         return not instance.visible
     return is_placed and (instance.visible == shown or not visible)

@@ -20,7 +20,7 @@ from solari_vk.scene.meshes.tangents import fitted_tangents, generate_tangents
 from solari_vk.scene.objects import Mesh
 
 _MOST_OF_TWO_BYTES = 2**16 - 1  # vertices; the largest number restarts a primitive
-_OF_VERTICES = ("positions", "normals", "uvs", "second_uvs", "tangents", "colors")
+_OF_VERTICES = ("positions", "normals", "uvs", "second_uvs", "more_uvs", "tangents", "colors")
 _OF_DEFORMATIONS = ("joints", "joint_weights", "targets", "target_normals", "target_tangents")
 Variants = tuple[tuple[int, Material], ...]
 
@@ -42,10 +42,12 @@ class Shapes:
         if key not in self._meshes:
             users = (material, *(other for _, other in variants))
             mesh = self._with_tangents(mesh, users)
+            # Tangents of one texture's uvs would count for all of them; who reads the file makes them again.
+            has_tangents = mesh.tangent_frame == 0 or all(user.normal_texture is None for user in users)
             textures = [getattr(user, name) for user in users for name in TEXTURES]
             uv_sets = {texture.uv_set for texture in textures if texture is not None}
             primitive: dict[str, Any] = {
-                "attributes": self._all(mesh, uv_sets),
+                "attributes": self._all(mesh, uv_sets, has_tangents),
                 "indices": self._once(mesh, "indices", mesh.triangles.reshape(-1), *self._corner_kind(mesh)),
                 "material": self._surfaces.material(material),
             }
@@ -92,28 +94,31 @@ class Shapes:
             self._attributes[mesh, name] = self._content.accessor(values, dtype, use)
         return self._attributes[mesh, name]
 
-    def _all(self, mesh: Mesh, uv_sets: set[int]) -> dict[str, int]:
+    def _all(self, mesh: Mesh, uv_sets: set[int], has_tangents: bool) -> dict[str, int]:
         found = {"POSITION": self._once(mesh, "POSITION", mesh.positions, use="positions")}
         if mesh.normals is not None:
             # glTF 2.0, 3.7.2.1: normals and tangents have length 1; triangles without normals are flat.
             normals, _ = fitted_normals(mesh.normals, mesh.triangles, area_vectors(mesh.positions, mesh.triangles))
             found["NORMAL"] = self._once(mesh, "NORMAL", normals)
-            if mesh.tangents is not None:
+            if mesh.tangents is not None and has_tangents:
                 found["TANGENT"] = self._once(mesh, "TANGENT", fitted_tangents(mesh.tangents, normals))
-        elif mesh.tangents is not None:
+        elif mesh.tangents is not None and has_tangents:
             self._content.lose("tangents of meshes without normals aren't written", mesh.describe())
         if mesh.colors is not None:
             found["COLOR_0"] = self._once(mesh, "COLOR_0", mesh.colors)
         uvs = mesh.uvs
-        if uvs is None and (uv_sets or mesh.second_uvs is not None):
+        if uvs is None and (uv_sets or mesh.uv_set_count > 1):
             uvs = np.zeros((len(mesh.positions), 2), np.float32)  # where shaders see textures of meshes without uvs
         if uvs is not None:
             found["TEXCOORD_0"] = self._once(mesh, "TEXCOORD_0", uvs)
-        if mesh.second_uvs is not None:
-            found["TEXCOORD_1"] = self._once(mesh, "TEXCOORD_1", mesh.second_uvs)
-        elif 1 in uv_sets:
-            # A mesh without second uvs has the first ones in their place.
-            found["TEXCOORD_1"] = found["TEXCOORD_0"]
+        for number in sorted({*range(1, mesh.uv_set_count), *(uv_sets - {0})}):
+            own = mesh.uvs_for(number)
+            name = f"TEXCOORD_{number}"
+            # A mesh without such uvs has the first ones in their place.
+            if own is None or own is mesh.uvs:
+                found[name] = found["TEXCOORD_0"]
+            else:
+                found[name] = self._once(mesh, name, own)
         return found | self._joints(mesh)
 
     def _joints(self, mesh: Mesh) -> dict[str, int]:
@@ -188,7 +193,7 @@ def _split_with_tangents(mesh: Mesh, uv_set: int) -> Mesh:
 def _with_vertices(mesh: Mesh, rows: NDArray[Any], triangles: NDArray[Any]) -> Mesh:
     """The mesh of these vertices, with triangles over them."""
     attributes = {name: getattr(mesh, name) for name in _OF_VERTICES}
-    parts = {name: values[rows] for name, values in attributes.items() if values is not None}
+    parts = {name: values[..., rows, :] for name, values in attributes.items() if values is not None}
     if mesh.deformation is not None:
         arrays = {name: getattr(mesh.deformation, name) for name in _OF_DEFORMATIONS}
         moved = {name: values[..., rows, :] for name, values in arrays.items() if values is not None}

@@ -1,0 +1,191 @@
+"""Parts of OBJ, PLY and STL files: polygons as triangles, and colors, uvs and textures as each format says them."""
+
+from __future__ import annotations
+
+import re
+from bisect import bisect
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from solari_vk.base.errors import SolariError
+from solari_vk.scene.files.mtl import MtlFiles
+from solari_vk.scene.files.ply import Element, Lists, read_ply
+from solari_vk.scene.meshes.polygons import triangulate
+from solari_vk.scene.model import Material
+
+_FACE = re.compile(rb"(?m)^f[ \t]+([^\n#]*)")
+_NO_TRIANGLE = re.compile(rb"(?m)^f(?:(?:[ \t]+[^\s#]+){4}|[^\n#]*-)")
+_VERTEX_LISTS = ("vertex_indices", "vertex_index")
+_NORMAL = ("nx", "ny", "nz")
+_UVS = (("s", "t"), ("u", "v"), ("texture_u", "texture_v"), ("texture_s", "texture_t"))
+_COLORS = (("red", "green", "blue"), ("diffuse_red", "diffuse_green", "diffuse_blue"), ("r", "g", "b"))
+
+
+@dataclass
+class MeshPart:
+    """What becomes a mesh: vertices (N, 3), triangles (M, 3), and what a file has for each vertex."""
+
+    name: str
+    positions: Any
+    triangles: NDArray[np.int64]
+    normals: Any = None
+    colors: Any = None
+    """sRGB: integers from 0 to 255, or floats from 0 to 1."""
+    uvs: Any = None
+    """v increases upwards."""
+    material: Material | None = None
+
+
+def triangulated_obj(data: bytes, who: str) -> bytes:
+    """An .obj file whose faces are triangles, which number vertices from the start of the file."""
+    if not _NO_TRIANGLE.search(data):
+        return data
+    lines = list(_FACE.finditer(data))
+    starts = [[line.start() for line in re.finditer(rb"(?m)^%s[ \t]" % kind, data)] for kind in (b"v", b"vt", b"vn")]
+    faces = [[_absolute(corner, line.start(), starts) for corner in line[1].split()] for line in lines]
+    corners = [corner for face in faces for corner in face]
+    try:
+        rows = [data[start : start + 200].split(b"\n", 1)[0].split()[1:4] for start in starts[0]]
+        points = np.array(rows, np.float64).reshape(-1, 3)
+        numbers = np.array([corner.split(b"/", 1)[0] for corner in corners], np.int64) - 1
+    except ValueError as error:
+        raise SolariError(f"{who}: a damaged .obj file ({str(error)[:100]}): export it again") from None
+    if numbers.size and (numbers.min() < 0 or numbers.max() >= len(points)):
+        raise SolariError(f"{who}: has faces of vertices that don't exist: export the file again")
+    counts = np.array([len(face) for face in faces])
+    triangles = triangulate(points[numbers], counts, who)
+    face_of = np.repeat(np.arange(len(faces)), counts)[triangles[:, 0]]
+    found: list[list[bytes]] = [[] for _ in faces]
+    for number, triangle in zip(face_of.tolist(), triangles.tolist(), strict=True):
+        found[number].append(b"f " + b" ".join(corners[corner] for corner in triangle))
+    pieces = []
+    end = 0
+    for line, made in zip(lines, found, strict=True):
+        pieces += [data[end : line.start()], b"\n".join(made)]
+        end = line.end()
+    return b"".join((*pieces, data[end:]))
+
+
+def _absolute(corner: bytes, place: int, starts: list[list[int]]) -> bytes:
+    """A face's corner, whose numbers below 0 count back from its place in the file."""
+    if b"-" not in corner:
+        return corner
+    numbers = corner.split(b"/")
+    for kind, number in enumerate(numbers[:3]):
+        if number.startswith(b"-") and number[1:].isdigit():
+            numbers[kind] = b"%d" % (bisect(starts[kind], place) + 1 + int(number))
+    return b"/".join(numbers)
+
+
+def stl_colors(part: dict[str, Any], data: bytes) -> NDArray[np.int64] | None:
+    """Colors of vertices from the two bytes that binary .stl files have for each triangle, as VisCAM writes them, or as
+    Magics does, which names the color of the rest in the header."""
+    words = part.get("face_attributes", {}).get("stl")
+    if words is None:
+        return None
+    words = np.asarray(words, np.int64).reshape(-1)
+    at = data[:80].find(b"COLOR=")
+    own = (words & 0x8000 != 0) == (at < 0)
+    if at < 0 and not own.any():
+        return None
+    rest = (255, 255, 255) if at < 0 else tuple(data[at + 6 : at + 9])
+    shifts = (10, 5, 0) if at < 0 else (0, 5, 10)
+    colors = np.stack([np.rint((words >> shift & 31) * (255 / 31)).astype(np.int64) for shift in shifts], axis=1)
+    return np.repeat(np.where(own[:, None], colors, rest), 3, axis=0)
+
+
+@dataclass
+class _Fields:
+    """An element's values, and which of them nobody has asked for."""
+
+    name: str
+    element: Element
+    asked: set[str] = field(default_factory=set)
+
+    def columns(self, *choices: tuple[str, ...]) -> NDArray[Any] | None:
+        """The numbers (N, K) of the first of several sets of properties that is there."""
+        for names in choices:
+            columns = [self.element.values.get(name) for name in names]
+            self.asked.update(names)
+            if all(isinstance(column, np.ndarray) for column in columns):
+                return np.stack([column for column in columns if isinstance(column, np.ndarray)], axis=1)
+        return None
+
+    def lists(self, *names: str) -> Lists | None:
+        """The first of several properties that is there."""
+        self.asked.update(names)
+        found = (self.element.values.get(name) for name in names)
+        return next((values for values in found if isinstance(values, Lists)), None)
+
+    def ignored(self) -> list[str]:
+        """The properties that have no effect. An alpha that is the same everywhere is as good as none."""
+        alpha = self.element.values.get("alpha")
+        same = {"alpha"} if isinstance(alpha, np.ndarray) and not np.ptp(alpha) else set()
+        return [f"{name} of {self.name}" for name in self.element.types if name not in self.asked | same]
+
+
+def ply_parts(data: bytes, who: str, name: str, files: MtlFiles, warnings: list[str]) -> list[MeshPart]:
+    """The parts of a .ply file: one for each of its textures."""
+    elements, textures = read_ply(data, who)
+    vertex, face = (_Fields(kind, elements.pop(kind, Element(0))) for kind in ("vertex", "face"))
+    if "packed_position" in vertex.element.types:
+        raise SolariError(
+            f"{who}: has compressed Gaussian splats, which aren't read: convert it to an uncompressed .ply"
+        )
+    part = MeshPart(name, vertex.columns(("x", "y", "z")), np.zeros((0, 3), np.int64))
+    if part.positions is None:
+        raise SolariError(f"{who}: has no vertices with x, y and z: give a file with a surface")
+    part.normals, part.colors, part.uvs = vertex.columns(_NORMAL), vertex.columns(*_COLORS), vertex.columns(*_UVS)
+    number = _add_faces(part, face, who, has_several=len(textures) > 1)
+    unread = [f"{kind} (all)" for kind, element in elements.items() if element.count]
+    ignored = [*vertex.ignored(), *face.ignored(), *unread]
+    if ignored:
+        warnings.append(f"properties that are ignored: {', '.join(ignored)}")
+    if not textures:
+        return [part]
+    if part.uvs is None:
+        warnings.append(f"textures are left out, since there are no uvs for them: {', '.join(textures)}")
+        return [part]
+    if part.colors is not None:
+        warnings.append("colors beside textures are ignored")
+        part.colors = None
+    parts = []
+    for texture, file in enumerate(textures):
+        image = files.image(file)
+        fields: dict[str, Any] = {} if image is None else {"base_color": 1.0, "base_color_texture": image}
+        material = Material(name=file, double_sided=True, perceptual_roughness=1.0, **fields)
+        triangles = part.triangles if number is None else part.triangles[number == texture]
+        if len(triangles):
+            parts.append(MeshPart(file, part.positions, triangles, part.normals, None, part.uvs, material))
+    return parts or [part]
+
+
+def _add_faces(part: MeshPart, face: _Fields, who: str, *, has_several: bool) -> NDArray[Any] | None:
+    """Give a part its triangles, and vertices of their own to the corners of faces that have uvs or colors. Returns the
+    number of each triangle's texture, if the file has several."""
+    outlines = face.lists(*_VERTEX_LISTS)
+    uvs, colors, texture = face.lists("texcoord"), face.columns(*_COLORS), face.columns(("texnumber",))
+    if outlines is None:
+        return None
+    corners = outlines.values.astype(np.int64)
+    if corners.size and (corners.min() < 0 or corners.max() >= len(part.positions)):
+        raise SolariError(f"{who}: '{part.name}' has faces of vertices that don't exist: export the file again")
+    triangles = triangulate(part.positions[corners], outlines.counts, who)
+    face_of = np.repeat(np.arange(len(outlines.counts)), outlines.counts)
+    has_uvs = uvs is not None and np.array_equal(uvs.counts, 2 * outlines.counts)
+    if has_uvs or colors is not None:
+        part.positions = part.positions[corners]
+        part.normals, part.colors, part.uvs = (
+            None if values is None else values[corners] for values in (part.normals, part.colors, part.uvs)
+        )
+        if uvs is not None and has_uvs:
+            part.uvs = uvs.values.reshape(-1, 2)
+        if colors is not None:
+            part.colors = colors[face_of]
+        part.triangles = triangles
+    else:
+        part.triangles = corners[triangles]
+    return texture[face_of[triangles[:, 0]], 0] if texture is not None and has_several else None
