@@ -7,7 +7,8 @@ layout(local_size_x = 64) in;
 void main() {
     uint world = gl_GlobalInvocationID.x;
     Axes axes;
-    if (world >= work.count || !read_axes(world, true, axes)) { return; }  // a wrong one leaves the instance where it was
+    // a wrong one leaves the instance where it was
+    if (world >= work.count || !read_axes(world, true, axes)) { return; }
     uint columns = work.first_offset + world * work.first_step, rows = work.second_offset + world * work.second_step;
     for (uint row = 0u; row < 3u; row++) {
         vec4 values = vec4(axes.x[row], axes.y[row], axes.z[row], axes.origin[row]);
