@@ -14,7 +14,7 @@ import solari_vk as sv
 from solari_vk.base.budget import load_budget, string_bytes
 from solari_vk.data.datasets.journal import Journal
 from solari_vk.data.randomize import strict_yaml
-from solari_vk.gpu.shaders import compiler
+from solari_vk.gpu.shaders import compiler, shaderc
 from solari_vk.gpu.shaders.shader_cache import Sources
 
 LAUGH = "a: &a [x,x,x,x,x,x,x,x,x,x]\n" + "".join(
@@ -123,6 +123,7 @@ def test_what_never_ends_is_not_read(tmp_path, kind):
         lambda: sv.Randomizer.load(folder / "a.yaml"),
         lambda: sv.load_colmap(folder),
         lambda: compiler.compile_file_into_spirv(folder / "x.comp", "comp"),
+        lambda: compiler.compile_into_spirv(f'#version 460\n#line 7 "{made}"\nwrong', "comp", "x.comp"),
     ):
         with pytest.raises(sv.SolariError):
             attempt()
@@ -154,3 +155,16 @@ def test_names_that_no_file_can_have(tmp_path):
     with pytest.raises(sv.SolariError, match="passes"):
         compiler.compile_shader("passes/x.comp", root=tmp_path)
     assert Sources([tmp_path]).find(long) is None
+
+
+def test_includes_end(tmp_path, monkeypatch):
+    monkeypatch.setattr(shaderc, "LONGEST", 5.0)
+    (tmp_path / "passes").mkdir()
+    for number in range(30):
+        (tmp_path / f"passes/{number}.glsl").write_text(f'#include "passes/{number + 1}.glsl"\n' * 2)
+    (tmp_path / "passes/30.glsl").touch()
+    (tmp_path / "passes/self.glsl").write_text('#include "passes/self.glsl"\n')
+    for name in ("self", "0"):
+        (tmp_path / "passes/x.comp").write_text(f'#version 460\n#include "passes/{name}.glsl"\nvoid main() {{}}\n')
+        with pytest.raises(sv.SolariError, match="too many includes, or a file includes itself"):
+            compiler.compile_shader("passes/x.comp", root=tmp_path)

@@ -29,6 +29,8 @@ def run(job: MovieJob, loaded: LoadedScene, how: Settings | int) -> int:
     """
     output = job.output.resolve()
     folder = output.with_name(f"{output.stem}.frames") if job.is_movie else output.parent
+    if job.is_movie and folder.is_symlink():
+        raise SolariError(f"{folder}: is a link, where pictures of the movie would be written: remove it")
     make_folder(folder)
     style = _style(job, loaded, how)
     # Workers get the scene as it is here, so that its content, which the journal compares, doesn't depend on the pose

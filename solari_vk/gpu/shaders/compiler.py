@@ -150,8 +150,9 @@ def _with_source_lines(log: str, filepath: str, source: bytes, generated: Mappin
             continue
         try:
             known = {filepath: source, **generated}.get(found["file"])
-            text = Path(found["file"]).read_bytes() if known is None else known
-        except OSError:
+            # A #line directive may name anything.
+            text = read_regular(Path(found["file"]), found["file"]) if known is None else known
+        except SolariError:
             continue
         lines = text.decode(errors="replace").splitlines()
         # A shader with a header has more lines than its file; line numbers refer to the file.

@@ -6,6 +6,7 @@ library that defines them. Both methods run the same compiler and give the same 
 
 from __future__ import annotations
 
+import itertools
 import os
 import re
 import shutil
@@ -27,6 +28,9 @@ STAGES = {"vert": 0, "frag": 1, "comp": 2, "geom": 3, "tesc": 4, "tese": 5, "rge
 LANGUAGES = {"glsl": 0, "hlsl": 1}
 OPTIMIZATIONS = {"zero": 0, "size": 1, "performance": 2}
 _STANDARD_INCLUDE = 1
+DEEPEST_INCLUDE, MOST_INCLUDES = 200, 20_000
+LONGEST = 600.0  # seconds of the command glslc, which has no such limits
+ENDLESS = "there are too many includes, or a file includes itself"
 _NAMES = {
     "linux": ("libshaderc.so.1", "libshaderc_shared.so.1", "libshaderc_shared.so"),
     "darwin": (
@@ -190,10 +194,15 @@ def compile_source(
     # shaderc reads an include's text until it calls `release`: the strings must live until then.
     references: dict[Any, Any] = {}
 
+    includes = itertools.count(1)
+
     @_ffi().callback("resolve")  # type: ignore[untyped-decorator]
-    def resolve(_data: Any, requested: Any, kind: int, requesting: Any, _depth: int) -> Any:
+    def resolve(_data: Any, requested: Any, kind: int, requesting: Any, depth: int) -> Any:
         wanted = os.fsdecode(_ffi().string(requested))
-        if wanted in texts:
+        # A file that includes itself would never end, nor one that includes two that include two others, and so on.
+        if depth > DEEPEST_INCLUDE or next(includes) > MOST_INCLUDES:
+            found, content = "", f"{wanted}: {ENDLESS}".encode()
+        elif wanted in texts:
             found, content = wanted, texts[wanted]
         else:
             found, content = _include(wanted, kind, os.fsdecode(_ffi().string(requesting)), include_paths)
@@ -290,7 +299,10 @@ def _by_command(
             "-",
             "-",
         ]
-        done = subprocess.run(command, input=source, capture_output=True, check=False)
+        try:
+            done = subprocess.run(command, input=source, capture_output=True, check=False, timeout=LONGEST)
+        except subprocess.TimeoutExpired:
+            raise Failure(f"{name}: error: {ENDLESS}") from None
     if done.returncode != 0:
         log = done.stderr.decode(errors="replace").replace("<stdin>:", f"{name}:").replace("glslc: error: ", "error: ")
         log = log.replace(folder + os.sep, "")  # generated headers are called by the paths that include them
