@@ -46,8 +46,8 @@ void thicken(inout dvec3 columns[4]) {
     for (uint i = 0u; i < 3u; i++) { columns[i] += factor * cofactors[i]; }
 }
 
-// The columns of a matrix, which with may_flatten gets a thickness; false if it isn't affine and invertible by the rules
-// of check_transforms in solari_vk/batch/view_cameras.py, in which case the refusal is recorded.
+// The columns of a matrix, which may_flatten gives a thickness; false if it isn't affine and invertible by the rules of
+// check_transforms in solari_vk/batch/view_cameras.py, in which case the refusal is recorded.
 bool read_axes(uint index, bool may_flatten, out Axes axes) {
     bool right = true;
     dvec3 columns[4];
