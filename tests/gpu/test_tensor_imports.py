@@ -227,7 +227,7 @@ def test_wrong_tensors_are_said_later_and_not_shown(gpu):
         before = batch.render(given, fov=50)["depth"]
         for spoil in (np.nan, 1e13, 0.0):
             wrong = np.tile(scene.instances["tall block"].transform, (WORLDS, 1, 1))
-            wrong[1, :3, 0] = spoil
+            wrong[1, :3, :2] = spoil
             batch.transforms["tall block"] = GpuTensor(gpu, wrong)
             batch.render(given, fov=50)
             with pytest.raises(sv.SolariError, match=r"Batch.transforms: .*tall block.* of world 1 must be finite"):
@@ -242,6 +242,24 @@ def test_wrong_tensors_are_said_later_and_not_shown(gpu):
         for shape in ((2, 4, 4), (WORLDS, 3, 4)):
             with pytest.raises(sv.SolariError, match=r"must have the shape \(3, 4, 4\)"):
                 batch.transforms["tall block"] = GpuTensor(gpu, np.zeros(shape))
+
+
+def test_flat_transforms_are_shown(gpu):
+    """By arrays and tensors alike: a block that is flattened onto the floor is behind no pixel but the floor's."""
+    scene, shown = sv.builtin("cornell_box"), []
+    flat = np.tile(scene.instances["tall block"].transform, (WORLDS, 1, 1))
+    flat[1, :3, 1] = 0
+    flat[1, 1, 3] = 1e-3
+    for wrap in (np.asarray, partial(GpuTensor, gpu)):
+        with sv.Batch(gpu, scene, SIZE, WORLDS, worlds=WORLDS, outputs=["instance_id", "depth"]) as batch:
+            batch.transforms["tall block"] = wrap(flat)
+            batch.render(np.tile(scene.camera.transform, (WORLDS, 1, 1)), fov=50)
+            shown.append([batch["instance_id"].copy(), batch["depth"].copy()])
+    (ids, depth), (other_ids, other_depth) = shown
+    np.testing.assert_array_equal(ids, other_ids)
+    np.testing.assert_array_equal(depth, other_depth)
+    assert not np.array_equal(ids[0], ids[1])
+    np.testing.assert_array_equal(ids[0], ids[2])
 
 
 def test_only_its_own_batch_hears_of_wrong_poses(gpu):

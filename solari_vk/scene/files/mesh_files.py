@@ -202,6 +202,8 @@ def _mesh(part: MeshPart, positions: NDArray[np.float64], triangles: NDArray[Any
     """The mesh of a part, with the file's normals or smooth ones."""
     colors = _colors(part.colors, len(positions))
     uvs: Any = _rows(part.uvs, 2, len(positions))
+    if uvs is not None and np.abs(uvs).max(initial=0) > np.finfo(np.float32).max:
+        uvs = None
     normals: Any = _rows(part.normals, 3, len(positions))
     if normals is None:
         # Sharp edges split vertices, and so do edges of colors and uvs.

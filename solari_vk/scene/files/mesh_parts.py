@@ -170,7 +170,8 @@ def _add_faces(part: MeshPart, face: _Fields, who: str, *, has_several: bool) ->
     uvs, colors, texture = face.lists("texcoord"), face.columns(*_COLORS), face.columns(("texnumber",))
     if outlines is None:
         return None
-    corners = outlines.values.astype(np.int64)
+    with np.errstate(invalid="ignore"):  # NaN becomes no vertex's number
+        corners = outlines.values.astype(np.int64)
     if corners.size and (corners.min() < 0 or corners.max() >= len(part.positions)):
         raise SolariError(f"{who}: '{part.name}' has faces of vertices that don't exist: export the file again")
     triangles = triangulate(part.positions[corners], outlines.counts, who)

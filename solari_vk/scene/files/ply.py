@@ -51,8 +51,13 @@ class _Source:
         self._data: Any = body
         if not end:
             charge(0, who, "its text", working=_BYTES_PER_VALUE * len(body) // 2)
-            with warnings.catch_warnings(action="ignore"):  # of what is no number: it ends the array
-                self._data = np.fromstring(body, np.float64, sep=" ")
+            try:
+                with warnings.catch_warnings(
+                    action="error"
+                ):  # versions of numpy warn of what is no number, or refuse it
+                    self._data = np.fromstring(body, np.float64, sep=" ")
+            except (ValueError, DeprecationWarning):
+                raise SolariError(f"{who}: has text where numbers should be: export it again") from None
 
     def take(self, kind: str, count: int) -> NDArray[Any]:
         """The next numbers of a type."""
@@ -135,23 +140,29 @@ def _read(element: Element, source: _Source, who: str) -> None:
     columns: list[tuple[str, int]] = []
     for (length, kind), width in zip(element.types.values(), widths, strict=True):
         columns += [(length, 1), (kind, width)] if length else [(kind, width)]
-    has_lists = any(length for length, _ in element.types.values())
     try:
-        blocks = iter(source.block(element.count, columns))
+        blocks = source.block(element.count, columns)
     except SolariError:
-        if not has_lists:
+        # Later lists may be shorter, so that there is enough all the same.
+        if not any(length for length, _ in element.types.values()):
             raise
-        blocks = iter(())
+        blocks = []
+    element.values = _columns(element, widths, blocks)
+    if not element.values:
+        source.at = start
+        element.values = _rows(element, source, who)
+
+
+def _columns(element: Element, widths: list[int], blocks: list[NDArray[Any]]) -> dict[str, NDArray[Any] | Lists]:
+    """The values of an element that was read at once; nothing if a list has another length than the first one."""
     found: dict[str, NDArray[Any] | Lists] = {}
+    remaining = iter(blocks)
     for (name, (length, _)), width in zip(element.types.items(), widths, strict=True):
-        counts = next(blocks, np.full(1, -1)) if length else np.full(1, width)
-        if (counts != width).any():
-            source.at = start
-            found = _rows(element, source, who)
-            break
-        values = next(blocks).reshape(-1)
+        if not blocks or (length and (next(remaining) != width).any()):
+            return {}
+        values = next(remaining).reshape(-1)
         found[name] = Lists(values, np.full(element.count, width)) if length else values
-    element.values = found
+    return found
 
 
 def _rows(element: Element, source: _Source, who: str) -> dict[str, NDArray[Any] | Lists]:

@@ -14,6 +14,7 @@ from solari_vk.scene.matrices import orthogonal, unit
 _BYTES_PER_CORNER = 200
 
 
+@np.errstate(over="ignore", invalid="ignore")  # of coordinates that are refused later
 def triangulate(points: NDArray[Any], counts: NDArray[Any], who: str) -> NDArray[np.int64]:
     """Triangles (M, 3) that cover polygons and no more, by the numbers of corners.
 
@@ -47,7 +48,7 @@ def _ears(outline: NDArray[np.float64], who: str) -> NDArray[np.int64]:
     # Newell's normal, which is twice the area where a polygon is flat.
     normal = np.cross(relative, np.roll(relative, -1, axis=0)).sum(axis=0)
     fan = np.stack([np.zeros(len(outline) - 2), *(np.arange(n, len(outline) - 2 + n) for n in (1, 2))], axis=1)
-    if not normal.any():
+    if not normal.any() or not np.isfinite(normal).all():
         return fan.astype(np.int64)
     along = orthogonal(unit(normal)[None])[0]
     flat = relative @ np.stack([along, np.cross(unit(normal), along)], axis=1)
