@@ -101,7 +101,7 @@ class Mesh(TensorFields):
 
     def _row_count(self, name: str) -> int | None:
         values = vars(self).get(name, self._tensors.get(name))
-        return None if values is None else int(values.shape[0])
+        return None if values is None else int(values.shape[-2])
 
     def uvs_for(self, uv_set: int) -> FloatArray | None:
         """The uvs (N, 2) of textures of that `uv_set`: a mesh without these has the first ones in their place."""
@@ -171,13 +171,10 @@ class Mesh(TensorFields):
                 )
         elif len(self.triangles) == 0 or int(self.triangles.max()) >= count:
             raise SolariError(f"{self.describe()}: triangles must be rows of positions, 0 to {count - 1}")
-        for name in ("normals", "uvs", "second_uvs", "tangents", "colors"):
+        for name in ("normals", "uvs", "second_uvs", "more_uvs", "tangents", "colors"):
             rows = self._row_count(name)
             if rows not in (None, count):
                 raise SolariError(f"{self.describe()}: {name} has {rows} rows for {count} positions")
-        if self.more_uvs is not None and self.more_uvs.shape[1] != count:
-            rows = self.more_uvs.shape[1]
-            raise SolariError(f"{self.describe()}: more_uvs has {rows} rows in a set for {count} positions")
         if self.deformation is not None:
             self.deformation.check(count, None, None, self.describe())
         if by_default:

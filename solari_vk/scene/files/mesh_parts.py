@@ -38,6 +38,12 @@ class MeshPart:
     """v increases upwards."""
     material: Material | None = None
 
+    def spread(self, corners: NDArray[np.int64]) -> None:
+        """Give each corner a vertex of its own. corners: the vertices (K,) until now."""
+        for name in ("positions", "normals", "colors", "uvs"):
+            values = getattr(self, name)
+            setattr(self, name, None if values is None else values[corners])
+
 
 def triangulated_obj(data: bytes, who: str) -> bytes:
     """An .obj file whose faces are triangles, which number vertices from the start of the file."""
@@ -47,26 +53,35 @@ def triangulated_obj(data: bytes, who: str) -> bytes:
     starts = [[line.start() for line in re.finditer(rb"(?m)^%s[ \t]" % kind, data)] for kind in (b"v", b"vt", b"vn")]
     faces = [[_absolute(corner, line.start(), starts) for corner in line[1].split()] for line in lines]
     corners = [corner for face in faces for corner in face]
+    counts = np.array([len(face) for face in faces])
+    triangles = triangulate(_points(data, starts[0], corners, who), counts, who)
+    face_of = np.repeat(np.arange(len(faces)), counts)[triangles[:, 0]]
+    made: list[list[bytes]] = [[] for _ in faces]
+    for number, triangle in zip(face_of.tolist(), triangles.tolist(), strict=True):
+        made[number].append(b"f " + b" ".join(corners[corner] for corner in triangle))
+    ends = [0, *(line.end() for line in lines)]
+    pieces = (data[end : line.start()] + b"\n".join(new) for end, line, new in zip(ends, lines, made, strict=False))
+    return b"".join((*pieces, data[ends[-1] :]))
+
+
+def _points(data: bytes, starts: list[int], corners: list[bytes], who: str) -> NDArray[np.float64]:
+    """The places (K, 3) of corners of faces in an .obj file. starts: of the lines of its vertices."""
     try:
-        rows = [data[start : start + 200].split(b"\n", 1)[0].split()[1:4] for start in starts[0]]
+        rows = [data[start : start + 200].split(b"\n", 1)[0].split()[1:4] for start in starts]
         points = np.array(rows, np.float64).reshape(-1, 3)
         numbers = np.array([corner.split(b"/", 1)[0] for corner in corners], np.int64) - 1
     except ValueError as error:
         raise SolariError(f"{who}: a damaged .obj file ({str(error)[:100]}): export it again") from None
-    if numbers.size and (numbers.min() < 0 or numbers.max() >= len(points)):
+    return np.asarray(points[_checked(numbers, len(points), who)])
+
+
+def _checked(numbers: NDArray[Any], count: int, who: str) -> NDArray[np.int64]:
+    """Numbers of vertices, of which there are `count`."""
+    with np.errstate(invalid="ignore"):  # NaN becomes no vertex's number
+        found = numbers.astype(np.int64)
+    if found.size and (found.min() < 0 or found.max() >= count):
         raise SolariError(f"{who}: has faces of vertices that don't exist: export the file again")
-    counts = np.array([len(face) for face in faces])
-    triangles = triangulate(points[numbers], counts, who)
-    face_of = np.repeat(np.arange(len(faces)), counts)[triangles[:, 0]]
-    found: list[list[bytes]] = [[] for _ in faces]
-    for number, triangle in zip(face_of.tolist(), triangles.tolist(), strict=True):
-        found[number].append(b"f " + b" ".join(corners[corner] for corner in triangle))
-    pieces = []
-    end = 0
-    for line, made in zip(lines, found, strict=True):
-        pieces += [data[end : line.start()], b"\n".join(made)]
-        end = line.end()
-    return b"".join((*pieces, data[end:]))
+    return found
 
 
 def _absolute(corner: bytes, place: int, starts: list[list[int]]) -> bytes:
@@ -138,17 +153,23 @@ def ply_parts(data: bytes, who: str, name: str, files: MtlFiles, warnings: list[
     part = MeshPart(name, vertex.columns(("x", "y", "z")), np.zeros((0, 3), np.int64))
     if part.positions is None:
         raise SolariError(f"{who}: has no vertices with x, y and z: give a file with a surface")
-    part.normals, part.colors, part.uvs = vertex.columns(_NORMAL), vertex.columns(*_COLORS), vertex.columns(*_UVS)
+    part.normals = vertex.columns(_NORMAL)
+    part.colors = vertex.columns(*_COLORS)
+    part.uvs = vertex.columns(*_UVS)
     number = _add_faces(part, face, who, has_several=len(textures) > 1)
     unread = [f"{kind} (all)" for kind, element in elements.items() if element.count]
     ignored = [*vertex.ignored(), *face.ignored(), *unread]
     if ignored:
         warnings.append(f"properties that are ignored: {', '.join(ignored)}")
-    if not textures:
-        return [part]
-    if part.uvs is None:
+    if textures and part.uvs is None:
         warnings.append(f"textures are left out, since there are no uvs for them: {', '.join(textures)}")
-        return [part]
+    return _textured(part, number, textures, files, warnings) if textures and part.uvs is not None else [part]
+
+
+def _textured(
+    part: MeshPart, number: NDArray[Any] | None, textures: list[str], files: MtlFiles, warnings: list[str]
+) -> list[MeshPart]:
+    """A part for each texture. number: of each triangle's texture; None if there is one for all."""
     if part.colors is not None:
         warnings.append("colors beside textures are ignored")
         part.colors = None
@@ -167,26 +188,23 @@ def _add_faces(part: MeshPart, face: _Fields, who: str, *, has_several: bool) ->
     """Give a part its triangles, and vertices of their own to the corners of faces that have uvs or colors. Returns the
     number of each triangle's texture, if the file has several."""
     outlines = face.lists(*_VERTEX_LISTS)
-    uvs, colors, texture = face.lists("texcoord"), face.columns(*_COLORS), face.columns(("texnumber",))
+    uvs = face.lists("texcoord")
+    colors = face.columns(*_COLORS)
+    texture = face.columns(("texnumber",))
     if outlines is None:
         return None
-    with np.errstate(invalid="ignore"):  # NaN becomes no vertex's number
-        corners = outlines.values.astype(np.int64)
-    if corners.size and (corners.min() < 0 or corners.max() >= len(part.positions)):
-        raise SolariError(f"{who}: '{part.name}' has faces of vertices that don't exist: export the file again")
+    corners = _checked(outlines.values, len(part.positions), f"{who}: '{part.name}'")
     triangles = triangulate(part.positions[corners], outlines.counts, who)
     face_of = np.repeat(np.arange(len(outlines.counts)), outlines.counts)
-    has_uvs = uvs is not None and np.array_equal(uvs.counts, 2 * outlines.counts)
-    if has_uvs or colors is not None:
-        part.positions = part.positions[corners]
-        part.normals, part.colors, part.uvs = (
-            None if values is None else values[corners] for values in (part.normals, part.colors, part.uvs)
-        )
-        if uvs is not None and has_uvs:
-            part.uvs = uvs.values.reshape(-1, 2)
-        if colors is not None:
-            part.colors = colors[face_of]
-        part.triangles = triangles
-    else:
+    if uvs is not None and not np.array_equal(uvs.counts, 2 * outlines.counts):
+        uvs = None
+    if uvs is None and colors is None:
         part.triangles = corners[triangles]
+    else:
+        part.triangles = triangles
+        part.spread(corners)
+    if uvs is not None:
+        part.uvs = uvs.values.reshape(-1, 2)
+    if colors is not None:
+        part.colors = colors[face_of]
     return texture[face_of[triangles[:, 0]], 0] if texture is not None and has_several else None

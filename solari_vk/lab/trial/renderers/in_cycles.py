@@ -31,12 +31,7 @@ def load(job: dict[str, Any], folder: Path) -> Callable[[int, int], Any]:
         if thing.type in ("LIGHT", "CAMERA"):
             bpy.data.objects.remove(thing)
         elif thing.type == "MESH":
-            # Cycles' defaults light surfaces beyond the shadow terminator, where the other renderers don't.
-            # Versions of Blender have the properties at one place or the other.
-            for owner in (thing, thing.cycles):
-                for name in ("geometry_offset", "shading_offset", "offset"):
-                    if hasattr(owner, f"shadow_terminator_{name}"):
-                        setattr(owner, f"shadow_terminator_{name}", 0)
+            _keep_terminator(thing)
     decoded: dict[str, Any] = {}
     for material in bpy.data.materials:
         _shine_on_the_front(material)
@@ -68,6 +63,14 @@ def load(job: dict[str, Any], folder: Path) -> Callable[[int, int], Any]:
         return pixels.reshape(height, width, -1)[::-1, :, :3]
 
     return render
+
+
+def _keep_terminator(thing: Any) -> None:
+    """Cycles' defaults light surfaces beyond the shadow terminator, where the other renderers don't."""
+    # Versions of Blender have the properties at one place or the other.
+    for owner in (thing, thing.cycles):
+        for name in (name for name in dir(owner) if name.startswith("shadow_terminator_")):
+            setattr(owner, name, 0)
 
 
 def still(file: Path, folder: Path) -> Path:

@@ -49,13 +49,12 @@ class Primitives:
         It has tangents for the first material with a normal map. uv_sets: `Textures.uv_sets`. skinned: with joints.
         Raises SolariError for wrong data.
         """
-        splats = primitive.extension("KHR_gaussian_splatting")
-        if splats is not None and any("compression" in kind for kind in splats.extensions()):
-            raise primitive.error("has compressed Gaussian splats, which aren't read: decompress them")
+        _refuse_compressed_splats(primitive)
         attributes = primitive.entry("attributes")
         if attributes is None:
             raise primitive.error("has no 'attributes'; export the file again")
-        normal_map = next((m.normal_texture for m in materials if m.normal_texture is not None), None)
+        normal_maps = [material.normal_texture for material in materials]
+        normal_map = next(filter(None, normal_maps), None)
         uvs = [f"TEXCOORD_{number}" for number in uv_sets]
         mode = primitive.integer("mode", _TRIANGLES, high=_TRIANGLE_FAN)
         packed = self._draco.unpack(primitive, attributes)
@@ -280,6 +279,12 @@ class Primitives:
 def _charge(primitive: Entry, vertices: Vertices, triangle_count: int) -> None:
     size = sum(values.nbytes for values in vertices.values()) + 12 * triangle_count
     primitive.charge(2 * size, "its mesh", working=_WORKING_BYTES * triangle_count)
+
+
+def _refuse_compressed_splats(primitive: Entry) -> None:
+    splats = primitive.extension("KHR_gaussian_splatting")
+    if splats is not None and any("compression" in kind for kind in splats.extensions()):
+        raise primitive.error("has compressed Gaussian splats, which aren't read: decompress them")
 
 
 def _check_extent(primitive: Entry, positions: NDArray[np.float32]) -> None:

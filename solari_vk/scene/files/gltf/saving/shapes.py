@@ -106,6 +106,11 @@ class Shapes:
             self._content.lose("tangents of meshes without normals aren't written", mesh.describe())
         if mesh.colors is not None:
             found["COLOR_0"] = self._once(mesh, "COLOR_0", mesh.colors)
+        return found | self._uvs(mesh, uv_sets) | self._joints(mesh)
+
+    def _uvs(self, mesh: Mesh, uv_sets: set[int]) -> dict[str, int]:
+        """The sets of uvs that a mesh has, or that textures use."""
+        found = {}
         uvs = mesh.uvs
         if uvs is None and (uv_sets or mesh.uv_set_count > 1):
             uvs = np.zeros((len(mesh.positions), 2), np.float32)  # where shaders see textures of meshes without uvs
@@ -119,7 +124,7 @@ class Shapes:
                 found[name] = found["TEXCOORD_0"]
             else:
                 found[name] = self._once(mesh, name, own)
-        return found | self._joints(mesh)
+        return found
 
     def _joints(self, mesh: Mesh) -> dict[str, int]:
         """Joints and weights as the format wants them: four a set, each joint once, none with the weight 0, and for
