@@ -142,6 +142,17 @@ def test_classes_have_one_number_in_all_scenes():
             wrong()
 
 
+def test_objects_of_bop_have_one_number_in_all_scenes(tmp_path):
+    """Whatever a scene holds, and wherever it lies there."""
+    ball, box, cone = sv.shapes.sphere(0.1, 8), sv.shapes.box(), sv.shapes.cone()
+    for scene_id, meshes in enumerate(([ball, box], [cone, box], [cone, ball])):
+        instances = {n: sv.Instance(mesh, position=(n, scene_id, 0), label=mesh.name) for n, mesh in enumerate(meshes)}
+        sv.BopWriter(tmp_path, instances, scene_id=scene_id).finish()
+        known = json.loads((tmp_path / "objects.json").read_text())
+        assert [known[number]["label"] for number in sorted(known)] == ["sphere", "box", "cone"][: 2 + (scene_id > 0)]
+    assert len(list((tmp_path / "models").glob("*.ply"))) == len(known) == 3
+
+
 def test_labels_change_no_picture(device):
     """A picture that was rendered stays, since labels and names aren't seen."""
     scene = sv.builtin("cornell_box")

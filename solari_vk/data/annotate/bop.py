@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solari_vk.base.errors import SolariError
-from solari_vk.base.files import make_folder, write_whole
+from solari_vk.base.files import make_folder, read_json, write_whole
 from solari_vk.data.annotate.boxes import box_around
 from solari_vk.data.annotate.silhouettes import Silhouette
 from solari_vk.output.kitti import png_16
@@ -58,7 +58,8 @@ class BopWriter:
     folder: of the data set; its models go to `models`, the scene to SPLIT/000000. bop_toolkit looks for .jpg pictures
     in splits of the type "pbr" ("train_pbr"), and for .png in others. instances: the objects, by their numbers in
     `instance_id`; labels: their classes, by default their own. Parts of one object (`Instance.part_of`) are one model.
-    What has one mesh and one scale is one object. A model's origin is the middle of its box, and z is up. Raises
+    What has one mesh and one scale is one object; scenes from scene_id 1 on keep the numbers of objects that the folder
+    has from the scenes before. A model's origin is the middle of its box, and z is up. Raises
     SolariError for instances whose joints or morph targets move, which aren't rigid.
     """
 
@@ -78,6 +79,12 @@ class BopWriter:
         self._size: tuple[int, int] | None = None
         self._instances = dict(instances)
         self._models = list[_Model]()
+        models = self._root / "models"
+        goes_on = scene_id > 0 and (self._root / "objects.json").exists()
+        self._infos_of_others = read_json(models / "models_info.json", "models") if goes_on else {}
+        self._names_of_others = read_json(self._root / "objects.json", "objects") if goes_on else {}
+        numbers = map(int, self._infos_of_others)
+        self._files_of_others = {(models / _file(number)).read_text(): number for number in numbers}
         self._objects = objects_of(self._instances, self._labels)
         self._of = {number: self._model(number) for number in self._objects}
         # The rows of scene_camera.json, scene_gt.json and scene_gt_info.json, by the number of the picture.
@@ -104,8 +111,13 @@ class BopWriter:
             if len(parts) == len(model.parts) and all(map(_Part.is_like, parts, model.parts)):
                 return model
         name = first.part_of if len(parts) > 1 else first.name
-        self._models.append(_Model(len(self._models) + 1, parts, name, self._labels[number]))
-        return self._models[-1]
+        used = [*self._files_of_others.values(), *(model.number for model in self._models)]
+        model = _Model(max(used, default=0) + 1, parts, name, self._labels[number])
+        if self._files_of_others:
+            known = self._files_of_others.get(_ply(_placed(model)[0], model))
+            model = model if known is None else model._replace(number=known)
+        self._models.append(model)
+        return model
 
     def _parts(self, number: int) -> list[Instance]:
         return [self._instances[part] for part in self._objects[number]]
@@ -183,12 +195,12 @@ class BopWriter:
             write_whole(self._scene / f"scene_{name}.json", _json(table))
         if self._size is not None:
             write_whole(self._root / "camera.json", json.dumps(self._first_camera(self._size)))
-        infos = dict[str, Any]()
-        names = dict[str, Any]()
+        infos = dict(self._infos_of_others)
+        names = dict(self._names_of_others)
         for model in self._models:
             points, infos[str(model.number)] = _placed(model)
             names[str(model.number)] = {"name": model.name, "label": model.label}
-            write_whole(self._root / "models" / f"obj_{model.number:06}.ply", _ply(points, model))
+            write_whole(self._root / "models" / _file(model.number), _ply(points, model))
         write_whole(self._root / "models" / "models_info.json", _json(infos))
         write_whole(self._root / "objects.json", _json(names))
 
@@ -226,6 +238,10 @@ def _info(silhouette: Silhouette, depth: NDArray[Any]) -> dict[str, Any]:
         "bbox_obj": [x, y, width - 1, height - 1] if seen else NOTHING,
         "bbox_visib": [*corner, int(np.ptp(columns)), int(np.ptp(rows))] if seen else NOTHING,
     }
+
+
+def _file(number: int) -> str:
+    return f"obj_{number:06}.ply"
 
 
 def _placed(model: _Model) -> tuple[NDArray[np.float64], dict[str, float]]:
