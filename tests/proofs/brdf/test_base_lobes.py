@@ -191,6 +191,17 @@ def test_numbers(shaders, count):
     assert ((drawn[:, 1] >= 0) & (drawn[:, 1] < 30)).all()
 
 
+@pytest.mark.parametrize("layering", [0, 1])
+def test_small_cosines_reflect(shaders, layering):
+    """Differs from Solari 0.19, whose diffuse lobe is 0 where a cosine is below 1e-4."""
+    z = np.array([1e-6, 9e-5, 2e-4])
+    grazing = np.stack([np.sqrt(1 - z**2), 0 * z, z], axis=-1)
+    for wo, wi in ((np.tile((0.0, 0.0, 1.0), (3, 1)), grazing), (grazing, np.tile((0.0, 0.0, 1.0), (3, 1)))):
+        rows = run_brdf(shaders, "evaluate", 3, material_records(0.5, 0.5, 0.0, 0.6), wo, wi, brdf_layering=layering)
+        assert (np.diff(rows[:, 1], axis=0, prepend=0) >= 0).all()
+        assert (rows[:, 1] > 0).all()
+
+
 def test_reciprocity(shaders):
     """Of the diffuse lobe, and of the specular one with F0 = 0, where there is no multiple scattering."""
     rng, count = np.random.default_rng(5), 50_000
