@@ -343,23 +343,12 @@ CALLS = [
         origin=(0.5, 0.5, 2.5),
         **_hits_at(2.75),
     ),
-    Probe(
-        "generated ever nearer",
-        _generate,
-        "boxes",
-        Expected(GENERATED, 48.0, primitive=None),
-        **_hits_at(50.0, NEARER),
-        candidates=3,
-        **_ALONG_X,
-    ),
-    Probe(
-        "generated ever farther",
-        _generate,
-        "boxes",
-        Expected(GENERATED, 50.0, primitive=None),
-        **_hits_at(50.0, FARTHER),
-        candidates=3,
-        **_ALONG_X,
+    *(
+        Probe(label, _generate, "boxes", Expected(GENERATED, t, primitive=None), **action, candidates=3, **_ALONG_X)
+        for label, t, action in (
+            ("generated ever nearer", 48.0, _hits_at(50.0, NEARER)),
+            ("generated ever farther", 50.0, _hits_at(50.0, FARTHER)),
+        )
     ),
     Probe("generated in an opaque box", _generate, "opaque boxes", Expected(GENERATED, 2.5), **_hits_at(2.5), **_DOWN),
     Probe("ball", _generate, "boxes", Expected(GENERATED, 2.0), action=GENERATE_SPHERE, **_DOWN),
