@@ -9,7 +9,7 @@ import re
 import sys
 import warnings
 from abc import ABCMeta
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Container, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn, ParamSpec, TypeVar
 
@@ -70,6 +70,12 @@ class CallbackError(ExceptionGroup[Exception], SolariError):
     """Callbacks of the user raised `exceptions`. The device's state is the same as if they hadn't."""
 
 
+def reworded(error: SolariError, text: str) -> SolariError:
+    """An error of the same class with another text, and of a group with the same exceptions."""
+    group = (error.exceptions,) if isinstance(error, ExceptionGroup) else ()
+    return type(error)(text, *group)
+
+
 @functools.cache
 def other_words() -> dict[str, dict[str, str]]:
     """The advice in other_words.toml: by what is asked, such as "Material", and by word, in lower case, what to say."""
@@ -93,6 +99,11 @@ def advice_for(what: str, name: str) -> str:
     what: the start of a message, such as "Material has no field".
     """
     return other_words().get(what.partition(" ")[0].rstrip(":"), {}).get(name, "")
+
+
+def is_name(value: object, known: Container[str]) -> bool:
+    """Whether a value is one of the known names. Others than strings aren't, and may be such as can't be looked up."""
+    return isinstance(value, str) and value in known
 
 
 def unknown_name(what: str, name: object, known: Iterable[str]) -> SolariError:

@@ -12,15 +12,24 @@ from solari_vk.base.errors import SolariError, checked_keywords
 from solari_vk.batch import view_cameras
 from solari_vk.batch.batch_renderers import BatchPathTracer, BatchRenderer, WorldBindings
 from solari_vk.batch.many_frames import WHERE as RENDER_MANY
-from solari_vk.batch.many_frames import FrameResults, accept_cameras, cameras_of, resets_of, seeds_of, transforms_of
+from solari_vk.batch.many_frames import (
+    FrameMemory,
+    FrameResults,
+    Result,
+    accept_cameras,
+    cameras_of,
+    resets_of,
+    seeds_of,
+    transforms_of,
+)
 from solari_vk.batch.options import (
     RADIANCE_NAMES,
     check_realtime,
+    check_scenes,
     checked_flag,
     checked_mask,
     checked_names,
     checked_results,
-    checked_scenes,
     checked_size,
     checked_worlds,
 )
@@ -41,9 +50,10 @@ from solari_vk.passes import reference
 from solari_vk.passes.many_views import upload_rows
 from solari_vk.passes.reference import numbered_seeds
 from solari_vk.renderers.back_sides import BackSides
-from solari_vk.renderers.scene_frame import SceneFrame, checked_device
+from solari_vk.renderers.scene_frame import SceneFrame
 from solari_vk.scene.model import Camera, Scene
 
+RENDER = "Batch.render"
 SHADER = "passes/batch/labels.comp"
 VIEWS_LOOKED_AT = 4
 
@@ -84,11 +94,8 @@ class Batch(BatchResults):
         **options: Any,
     ) -> None:
         names = checked_names(renderer, outputs, options)
-        scenes = checked_scenes(scene, worlds)
-        binder: Any = scene if scenes is None else SceneBinder(checked_device(device, "Batch"), scenes)
-        super().__init__(device, binder)
-        if scenes is not None:
-            self._owned.callback(binder.destroy)
+        check_scenes(scene, worlds)
+        super().__init__(device, scene)
         try:
             self.views = whole_number(views, "Batch: views", 1)
             self._back_sides = BackSides(self.device)
@@ -105,7 +112,8 @@ class Batch(BatchResults):
             self._owned.callback(self._close_many)
             # The scene must be on the device before worlds copy its records.
             self.binder.update()
-            count = checked_worlds(device, worlds if scenes is None else len(scenes), self.views, renderer)
+            shown = len(self.binder.listed_records) if self.binder.has_many_scenes else worlds
+            count = checked_worlds(device, shown, self.views, renderer)
             self._worlds = Worlds(device, self.binder, count, self._port)
             self._owned.callback(self._worlds.destroy)
             self._worlds.update()
@@ -196,22 +204,22 @@ class Batch(BatchResults):
         """
         self._check_open()
         self._check_tensors()
-        sample_count = self._checked_samples(samples)
-        clears_cache = checked_flag(reset_cache, "reset_cache")
+        sample_count = self._checked_samples(samples, RENDER)
+        clears_cache = checked_flag(reset_cache, "reset_cache", RENDER)
         options = {"fov": fov, "vertical_fov": vertical_fov, "K": K, "near": near, "ev100": ev100}
-        accepted = accept_cameras(self._port, cameras, "Batch.render", (self.views, 4, 4))
-        read = self._read(accepted, options)
+        accepted = accept_cameras(self._port, cameras, RENDER, (self.views, 4, 4))
+        read = self._read(accepted, options, RENDER)
         self._look_for_backs(accepted, read)
-        numbers = self._checked_seeds(seeds)
+        numbers = self._checked_seeds(seeds, RENDER)
         begins = checked_mask(reset, self.views)
         with self.binder.tensors.putting_off():
             self._render(read, sample_count, numbers, begins, clears_cache)
         return self
 
-    def _read(self, cameras: Any, options: Mapping[str, Any]) -> view_cameras.ViewCameras:
-        found = self._cameras.read(cameras, options)
+    def _read(self, cameras: Any, options: Mapping[str, Any], where: str) -> view_cameras.ViewCameras:
+        found = self._cameras.read(cameras, options, where)
         if self._realtime is not None:
-            check_realtime(cameras)
+            check_realtime(cameras, where)
         return found
 
     def _look_for_backs(self, cameras: Any, read: view_cameras.ViewCameras) -> None:
@@ -283,14 +291,14 @@ class Batch(BatchResults):
         self._check_tensors()
         frames = whole_number(frames, f"{RENDER_MANY}: frames", 1)
         names = checked_results(self._names if outputs is None else outputs, self._names, RENDER_MANY, "result")
-        sample_count = self._checked_samples(samples)
-        clears_cache = checked_flag(reset_cache, "reset_cache")
+        sample_count = self._checked_samples(samples, RENDER_MANY)
+        clears_cache = checked_flag(reset_cache, "reset_cache", RENDER_MANY)
         moves = transforms_of(frames, self._worlds, transforms)
         options = {"fov": fov, "vertical_fov": vertical_fov, "K": K, "near": near, "ev100": ev100}
         shown = cameras_of(frames, self.views, cameras, self._port)
-        read = [self._read(of_frame, options) for of_frame in shown]
+        read = [self._read(of_frame, options, RENDER_MANY) for of_frame in shown]
         self._look_for_backs(shown[0], read[0])
-        numbers = [self._checked_seeds(of_frame) for of_frame in seeds_of(frames, self.views, seeds)]
+        numbers = [self._checked_seeds(of_frame, RENDER_MANY) for of_frame in seeds_of(frames, self.views, seeds)]
         resets = resets_of(frames, self.views, reset)
         self._prepare_many(frames)
         # The device gets the commands of all frames in one submission.
@@ -313,11 +321,21 @@ class Batch(BatchResults):
     def _copy_results(self, index: int, frames: int, names: Sequence[str]) -> FrameResults:
         """Copy the results of a frame, the first of which says how much memory all of them take."""
         results = {name: self._result(name) for name in names}
-        if self._many is None or (index == 0 and not self._many.fits(results, frames)):
-            self._close_many()
-            self._many = FrameResults(self.device, results, frames, self._check_tensors)
+        if self._many is None or index == 0:
+            self._many = self._make_many(results, frames)
         self._many.copy_results(index, results)
         return self._many
+
+    def _make_many(self, results: Mapping[str, Result], frames: int) -> FrameResults:
+        """What `render_many` returns, in the memory of the latest that it returned where this fits."""
+        before = self._many
+        if before is not None and before.memory.fits(results, frames):
+            before.end()
+            memory = before.memory
+        else:
+            self._close_many()
+            memory = FrameMemory(self.device, results, frames)
+        return FrameResults(self.device, results, memory, self._check_tensors)
 
     def _write_views(
         self, cameras: view_cameras.ViewCameras, reset: NDArray[np.bool_], seeds: NDArray[np.uint32]
@@ -353,21 +371,21 @@ class Batch(BatchResults):
 
     # ---- checks -------------------------------------------------------------------------------------
 
-    def _checked_samples(self, samples: int | None) -> int:
+    def _checked_samples(self, samples: int | None, where: str) -> int:
         if samples is None:
             return 16
         if self._paths is None:
             what = "labels have" if self._realtime is None else "the realtime renderer takes"
-            raise SolariError(f"Batch.render: {what} no samples: make the batch with renderer='reference'")
-        return whole_number(samples, "Batch.render: samples", 1)
+            raise SolariError(f"{where}: {what} no samples: make the batch with renderer='reference'")
+        return whole_number(samples, f"{where}: samples", 1)
 
-    def _checked_seeds(self, seeds: Any) -> NDArray[np.uint32]:
+    def _checked_seeds(self, seeds: Any, where: str) -> NDArray[np.uint32]:
         if seeds is None:
             return self._seeds
         if self._paths is None and self._realtime is None:
-            raise SolariError("Batch.render: labels have no seeds: make the batch with renderer='reference'")
+            raise SolariError(f"{where}: labels have no seeds: make the batch with renderer='reference'")
         # Doubles hold all whole numbers of 32 bits.
-        numbers = view_cameras.array(seeds, "seeds", (self.views,))
+        numbers = view_cameras.array(seeds, "seeds", (self.views,), where=where)
         whole = (numbers == np.floor(numbers)) & (numbers >= 0) & (numbers < 2**32)
-        view_cameras.check_all(whole, "be a whole number from 0 to 2^32 - 1", "the seed")
+        view_cameras.check_all(whole, "be a whole number from 0 to 2^32 - 1", "the seed", where)
         return numbers.astype(np.uint32)

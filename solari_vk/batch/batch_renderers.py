@@ -46,6 +46,8 @@ class WorldBindings:
 class BatchPathTracer(PathTracer):
     """The path tracer over a strip of views, whose result is `radiance_mean`."""
 
+    TAKES_LISTS = True
+
     def __init__(
         self, device: Device, binder: SceneBinder, strip: Size, views: Buffer, worlds: Worlds, options: dict[str, Any]
     ) -> None:
@@ -83,6 +85,8 @@ class BatchPathTracer(PathTracer):
 
 class BatchRenderer(Renderer):
     """The realtime renderer over a grid of views. Views share lights and the world cache, and nothing else."""
+
+    TAKES_LISTS = True
 
     def __init__(
         self,
@@ -177,9 +181,12 @@ class BatchRenderer(Renderer):
         self._bindings.show(self._frame)
         states = self._worlds.light_states or [LightState.of(self.binder.lights)]
         self._changes.update(states, self.settings.world_cache_cell_size)
+        if not self._has_history:
+            reset = np.ones_like(reset)
+            keeps_cache = False
         try:
-            self._write_views(cameras, reset if self._has_history else np.ones_like(reset), seeds)
-            self._write_shared(keeps_cache and self._has_history)
+            self._write_views(cameras, reset, seeds)
+            self._write_shared(keeps_cache, has_history=keeps_cache or not reset.all())
             self._has_history = True
             self._frame.submit_applied()
         except BaseException:
@@ -227,9 +234,10 @@ class BatchRenderer(Renderer):
         # As `Renderer` does for its seed, so that a view has the jitter of a renderer of its own.
         self._jitter_begins = 7 * seeds.astype(np.int64) % len(self._jitters)
 
-    def _write_shared(self, keeps_cache: bool) -> None:
-        """Write the uniforms of passes that go over all views at once, such as those of the world cache."""
-        if not keeps_cache:
+    def _write_shared(self, keeps_cache: bool, has_history: bool) -> None:
+        """Write the uniforms of passes that go over all views at once, such as those of the world cache. has_history:
+        whether the cache, or a view, has light of earlier frames, which changes of lights outdate."""
+        if not has_history:
             self._changes.clear()
         self._changes.upload()
         change = self._changes.change.max()

@@ -52,32 +52,62 @@ class Result(NamedTuple):
             source.record_copy(cmd, target.handle, size=self.size, offset=offset, begin=begin)
 
 
+class FrameMemory:
+    """The memory of the results of several frames, by their names.
+
+    Arrays and tensors may show it: it stays as long as one of them does, also after `close`.
+    """
+
+    def __init__(self, device: Device, results: Mapping[str, Result], frames: int) -> None:
+        self.frames = frames
+        self.buffers: dict[str, Buffer] = {}
+        self._device = device
+        self._tensors = 0
+        self._closed = False
+        with device.undone_on_error():
+            for name, result in results.items():
+                self.buffers[name] = device.buffer(frames * result.size, f"frames of {name}")
+
+    def fits(self, results: Mapping[str, Result], frames: int) -> bool:
+        """Whether there is room for just these results."""
+        sizes = [(name, frames * result.size) for name, result in results.items()]
+        return sizes == [(name, buffer.size) for name, buffer in self.buffers.items()]
+
+    def lend(self, memory: NDArray[Any]) -> None:
+        """Count an array that shows the memory."""
+        self._tensors += 1
+        self._device.loans.lend(memory, self._release_tensor)
+
+    def _release_tensor(self) -> None:
+        """A tensor, and all that was made of it, is gone."""
+        self._tensors -= 1
+        if self._closed:
+            self.close()
+
+    def close(self) -> None:
+        """Free the memory, when no tensor shows it any more. Safe to call twice."""
+        self._closed = True
+        if not self._tensors:
+            for buffer in self.buffers.values():
+                buffer.destroy()
+
+
 class FrameResults(Mapping[str, NDArray[Any]]):
     """What several frames of a batch show: results by their names, (frames, N, height, width[, channels]).
 
     They are these until the batch renders many frames again, or is closed; arrays are copies.
     """
 
-    # Arrays and tensors that show the memory, which stays as long as one of them does, also after `close`.
-    _tensors = 0
-    _closed = False
+    _is_over = False
 
     def __init__(
-        self, device: Device, results: Mapping[str, Result], frames: int, check_tensors: Callable[[], None]
+        self, device: Device, results: Mapping[str, Result], memory: FrameMemory, check_tensors: Callable[[], None]
     ) -> None:
+        self.memory = memory
         self._device = device
         self._results = dict(results)
-        self._frames = frames
+        self._frames = memory.frames
         self._check_tensors = check_tensors
-        self._buffers: dict[str, Buffer] = {}
-        with device.undone_on_error():
-            for name, result in results.items():
-                self._buffers[name] = device.buffer(frames * result.size, f"frames of {name}")
-
-    def fits(self, results: Mapping[str, Result], frames: int) -> bool:
-        """Whether there is room for just these results."""
-        sizes = [(name, frames * result.size) for name, result in results.items()]
-        return sizes == [(name, buffer.size) for name, buffer in self._buffers.items()]
 
     def copy_results(self, index: int, results: Mapping[str, Result]) -> None:
         """Have the device copy what the latest frame shows, which is number `index`."""
@@ -87,17 +117,17 @@ class FrameResults(Mapping[str, NDArray[Any]]):
             # After the frame that made the results, and before the next one overwrites them.
             self._device.vk.vkCmdPipelineBarrier2(cmd, full_barrier())
             for name, result in results.items():
-                result.record_copy(cmd, self._buffers[name], index * result.size)
+                result.record_copy(cmd, self.memory.buffers[name], index * result.size)
             self._device.vk.vkCmdPipelineBarrier2(cmd, full_barrier())
 
         self._device.start(record, "results of a frame")
 
     def _of(self, name: str) -> tuple[Result, Buffer]:
-        if name not in self._buffers:
-            raise unknown_name(f"{WHERE} kept no result", name, self._buffers)
-        if self._closed:
+        if name not in self._results:
+            raise unknown_name(f"{WHERE} kept no result", name, self._results)
+        if self._is_over:
             raise SolariError(f"there is no '{name}' any more: the batch was closed, or has rendered many frames again")
-        return self._results[name], self._buffers[name]
+        return self._results[name], self.memory.buffers[name]
 
     def __getitem__(self, name: str) -> NDArray[Any]:
         result, buffer = self._of(name)
@@ -116,8 +146,7 @@ class FrameResults(Mapping[str, NDArray[Any]]):
             # The host sees the device's memory: an array shows it without a copy.
             self._device.sync_host()
             memory = buffer.view(result.dtype, count)
-            self._tensors += 1
-            self._device.loans.lend(memory, self._release_tensor)
+            self.memory.lend(memory)
             first = result.shaped(memory[: result.value_count])
             shown: NDArray[Any] = memory.view(first.dtype).reshape(self._frames, *first.shape)
             return shown
@@ -128,23 +157,14 @@ class FrameResults(Mapping[str, NDArray[Any]]):
         return self._device.cuda_for(name).export(copy, (self._frames, *shape), result.dtype)
 
     def __iter__(self) -> Iterator[str]:
-        return iter(self._buffers)
+        return iter(self._results)
 
     def __len__(self) -> int:
-        return len(self._buffers)
+        return len(self._results)
 
-    def close(self) -> None:
-        """Free the memory, when no tensor shows it any more. Safe to call twice."""
-        self._closed = True
-        if not self._tensors:
-            for buffer in self._buffers.values():
-                buffer.destroy()
-
-    def _release_tensor(self) -> None:
-        """A tensor, and all that was made of it, is gone."""
-        self._tensors -= 1
-        if self._closed:
-            self.close()
+    def end(self) -> None:
+        """Have no results any more: the memory has, or will have, those of other frames."""
+        self._is_over = True
 
 
 def accept_cameras(port: TensorPort, cameras: Any, where: str, *shapes: tuple[int, ...]) -> Any:

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from solari_vk.base.errors import SolariError, quoted, unknown_name
+from solari_vk.base.errors import SolariError, is_name, quoted, unknown_name
 from solari_vk.base.host_array import host_array
 from solari_vk.gpu.acceleration.checks import check_kind, whole_number
 from solari_vk.gpu.device.device import Device
@@ -39,15 +39,15 @@ def checked_mask(reset: Any, views: int) -> NDArray[np.bool_]:
     return mask
 
 
-def checked_flag(value: Any, name: str) -> bool:
+def checked_flag(value: Any, name: str, where: str) -> bool:
     if not isinstance(value, (bool, np.bool_)):
-        raise SolariError(f"Batch.render: {name} is True or False, not {quoted(value)}")
+        raise SolariError(f"{where}: {name} is True or False, not {quoted(value)}")
     return bool(value)
 
 
 def checked_names(renderer: Any, outputs: Any, options: Iterable[str]) -> tuple[str, ...]:
     """The names of the labels among the outputs; raises SolariError for wrong ones, and for wrong options."""
-    if renderer not in OPTIONS:
+    if not is_name(renderer, OPTIONS):
         raise SolariError(f"Batch: renderer is one of {', '.join(OPTIONS)}, not {quoted(renderer)}")
     for name in options:
         if name not in OPTIONS[renderer]:
@@ -65,28 +65,26 @@ def checked_results(outputs: Any, known: Sequence[str], where: str, what: str) -
         raise SolariError(f"{where}: outputs is a list of names, not {quoted(outputs)}")
     names = [outputs] if isinstance(outputs, str) else list(outputs)
     for name in names:
-        if name not in known:
+        if not is_name(name, known):
             raise unknown_name(f"{where}: there is no {what}", name, known)
     return tuple(dict.fromkeys(names))
 
 
-def checked_scenes(scene: Any, worlds: Any) -> list[Scene] | None:
-    """The scenes of worlds, None for one scene; raises SolariError for wrong ones."""
+def check_scenes(scene: Any, worlds: Any) -> None:
+    """Raise SolariError for a wrong list of scenes, and for a number of worlds beside a list or its SceneBinder."""
     # Who gives a list of scenes as worlds means the list in place of the scene.
     if isinstance(worlds, (list, tuple)) or np.ndim(worlds):
         raise SolariError(
             "Batch: worlds is the number of worlds of one scene: give a list of scenes in its place, "
             "Batch(device, [scene_a, scene_b], size, views)"
         )
-    if not isinstance(scene, (list, tuple)):
-        return None
-    if not scene:
+    is_list = isinstance(scene, (list, tuple))
+    if is_list and not scene:
         raise SolariError("Batch: the list of scenes is empty: give one for each world")
-    for world, one in enumerate(scene):
+    for world, one in enumerate(scene if is_list else ()):
         check_kind(one, Scene, f"Batch: the scene of world {world}", "give a solari_vk.Scene")
-    if worlds != 1:
+    if (is_list or getattr(scene, "has_many_scenes", False)) and worlds != 1:
         raise SolariError(f"Batch: worlds={quoted(worlds)} goes with one scene: a list has the scene of each world")
-    return list(scene)
 
 
 def checked_worlds(device: Device, worlds: Any, views: int, renderer: str) -> int:
@@ -105,7 +103,7 @@ def checked_worlds(device: Device, worlds: Any, views: int, renderer: str) -> in
     return count
 
 
-def check_realtime(cameras: Any) -> None:
+def check_realtime(cameras: Any, where: str) -> None:
     """Raise SolariError for cameras that the realtime renderer doesn't take."""
     if isinstance(cameras, Camera):
         cameras = [cameras]
@@ -115,7 +113,7 @@ def check_realtime(cameras: Any) -> None:
         if not isinstance(camera, Camera):
             return  # it is a list of poses
         if camera.auto_exposure:
-            raise SolariError(f"Batch.render: view {index} can't choose an exposure: set auto_exposure to False")
+            raise SolariError(f"{where}: view {index} can't choose an exposure: set auto_exposure to False")
 
 
 def checked_size(device: Device, size: Any, views: int, record_bytes: int, renderer: str) -> tuple[int, int]:

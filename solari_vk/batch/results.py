@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import ExitStack
 from functools import partial
 from typing import Any, Self
@@ -39,12 +39,16 @@ class BatchResults(Hints):
     _paths: BatchPathTracer | None = None
     _realtime: BatchRenderer | None = None
 
-    def __init__(self, device: Device, scene: Scene | SceneBinder) -> None:
+    def __init__(self, device: Device, scene: Scene | SceneBinder | Sequence[Scene]) -> None:
         self.device = device
         self._owned = ExitStack()
-        self.binder = bind_scene(device, scene, type(self).__name__, self._owned)
+        self.binder = bind_scene(device, scene, type(self).__name__, self._owned, many=True)
         # Poses have a port of their own: what it refuses concerns this batch, and no other renderer of the binder.
-        self._port = TensorPort(device)
+        try:
+            self._port = TensorPort(device)
+        except BaseException:
+            self._owned.close()
+            raise
         self._owned.callback(self._port.destroy)
 
     def keys(self) -> list[str]:
@@ -184,5 +188,6 @@ class BatchResults(Hints):
 
     def _close_many(self) -> None:
         if self._many is not None:
-            self._many.close()
+            self._many.end()
+            self._many.memory.close()
             self._many = None

@@ -56,7 +56,7 @@ class ViewCameras(NamedTuple):
     a shader makes these."""
 
 
-def array(value: Any, what: str, *shapes: tuple[int, ...], where: str = "Batch.render") -> Floats:
+def array(value: Any, what: str, *shapes: tuple[int, ...], where: str) -> Floats:
     """Finite numbers of one of these shapes, from numpy, lists, or what has __array__ or __dlpack__ in host memory.
     They may be the value itself."""
     try:
@@ -72,7 +72,7 @@ def array(value: Any, what: str, *shapes: tuple[int, ...], where: str = "Batch.r
     return numbers
 
 
-def check_all(right: NDArray[np.bool_], rule: str, what: str, where: str = "Batch.render", of: str = "view") -> None:
+def check_all(right: NDArray[np.bool_], rule: str, what: str, where: str, of: str = "view") -> None:
     """Raise SolariError that names the first view, or what it is `of`, for which a rule isn't `right` (N, ...)."""
     if not right.all():
         wrong = np.flatnonzero(~right.reshape(len(right), -1).all(axis=1))
@@ -81,7 +81,7 @@ def check_all(right: NDArray[np.bool_], rule: str, what: str, where: str = "Batc
 
 
 def check_transforms(
-    matrices: Floats, what: str = "the pose", where: str = "Batch.render", of: str = "view"
+    matrices: Floats, what: str, where: str, of: str = "view"
 ) -> tuple[Floats, Floats, Floats, Floats]:
     """Raise SolariError unless all finite matrices (N, 4, 4) are affine and invertible: the rules of
     `Camera.transform`. Returns their axes with a length of 1, by rows (3, 3, N), the origins (3, N), the cross products
@@ -158,13 +158,14 @@ def read_cameras(records: NDArray[Any], cameras: Sequence[Camera], size: tuple[i
     return written
 
 
-def of_fov(fov: Floats, size: tuple[int, int]) -> tuple[Floats, Floats]:
+def of_fov(fov: Floats, size: tuple[int, int], where: str) -> tuple[Floats, Floats]:
     """Half the picture in focal lengths, and from the principal point to the middle of the picture in its pixels, both
     (N, 2), of vertical fields of view (N,) in radians."""
     check_all(
         (fov >= NARROWEST) & (fov <= WIDEST),
         f"lie between {NARROWEST:g} and pi - {NARROWEST:g} radians",
         "the vertical field of view",
+        where,
     )
     # The same operations in the same order as of a `Camera`, whose pixels have an aspect ratio of 1.
     half_height = _each(math.tan, fov / 2)
@@ -172,18 +173,18 @@ def of_fov(fov: Floats, size: tuple[int, int]) -> tuple[Floats, Floats]:
     return half, np.zeros_like(half)
 
 
-def of_matrices(K: Floats, size: tuple[int, int]) -> tuple[Floats, Floats]:
+def of_matrices(K: Floats, size: tuple[int, int], where: str) -> tuple[Floats, Floats]:
     """As `of_fov`, of matrices (N, 3, 3) as `Camera.from_opencv` reads them."""
     K, is_plain = plain_matrices(K)
     fx = K[:, 0, 0]
     fy = K[:, 1, 1]
     cx = K[:, 0, 2]
     cy = K[:, 1, 2]
-    check_all(is_plain, "be [[fx, 0, cx], [0, fy, cy], [0, 0, 1]], with fx and fy above 0 and no skew", "K")
+    check_all(is_plain, "be [[fx, 0, cx], [0, fy, cy], [0, 0, 1]], with fx and fy above 0 and no skew", "K", where)
     width, height = size
     # By the field of view, as `Camera.from_opencv`, so that both find the same numbers.
     fov = 2 * _each(math.atan, height / 2 / fy)
-    half_height = of_fov(fov, size)[0][:, 1]
+    half_height = of_fov(fov, size, where)[0][:, 1]
     half = np.stack([half_height * width / height / (fx / fy), half_height], -1)
     # OpenCV counts pixels from the middle of the first one.
     center = np.stack([(cx + 0.5) / width, (cy + 0.5) / height], -1)
@@ -191,11 +192,12 @@ def of_matrices(K: Floats, size: tuple[int, int]) -> tuple[Floats, Floats]:
         (np.abs(center) <= 10).all(axis=1) & (fx / fy <= 1e3) & (fy / fx <= 1e3),
         "have a principal point within 10 pictures and fx / fy between 0.001 and 1,000",
         "K",
+        where,
     )
     return half, (0.5 - center) * size
 
 
-def camera_list(cameras: Any, views: int) -> list[Camera] | None:
+def camera_list(cameras: Any, views: int, where: str) -> list[Camera] | None:
     """The cameras of a sequence of `Camera`, or None for an array of transforms. Raises SolariError for a wrong count,
     and for a mixture."""
     if isinstance(cameras, Camera):
@@ -205,7 +207,7 @@ def camera_list(cameras: Any, views: int) -> list[Camera] | None:
     wrong = [camera for camera in cameras if not isinstance(camera, Camera)]
     if wrong or len(cameras) != views:
         what = f"one is {quoted(wrong[0])}" if wrong else f"there are {len(cameras)}"
-        raise SolariError(f"Batch.render: give {views} cameras, one for each view; {what}")
+        raise SolariError(f"{where}: give {views} cameras, one for each view; {what}")
     return list(cameras)
 
 
@@ -237,25 +239,26 @@ class CameraReader:
         self._seen: dict[str, Any] = {}  # what they were made from
         self._plain: Mapping[str, Any] | None = None  # the same options, if all were single numbers
 
-    def read(self, cameras: Any, options: Mapping[str, Any]) -> ViewCameras:
+    def read(self, cameras: Any, options: Mapping[str, Any], where: str) -> ViewCameras:
         """Camera objects, an array of transforms, or a tensor of them. options: fov, vertical_fov, K, near and ev100 of
-        `Batch.render`; None for those that aren't set."""
+        `Batch.render`; None for those that aren't set. where: what asks, for messages."""
         options = {name: value for name, value in options.items() if value is not None}
-        found = camera_list(cameras, self._count)
+        found = camera_list(cameras, self._count, where)
         if found is not None:
             if options:
-                raise SolariError(f"Batch.render: Camera objects have their own {', '.join(options)}: leave it out")
+                raise SolariError(f"{where}: Camera objects have their own {', '.join(options)}: leave it out")
             return read_cameras(np.zeros(self._count, self._dtype), found, self._size)
         matrices: DeviceTensor | NDArray[np.float32]
         if isinstance(cameras, DeviceTensor):
             matrices = cameras
         else:
-            checked = check_transforms(array(cameras, "cameras", (self._count, 4, 4)))
-            warn_of_mirroring(float(checked[-1].min(initial=0)), "Batch.render: a transform of cameras")
+            transforms = array(cameras, "cameras", (self._count, 4, 4), where=where)
+            checked = check_transforms(transforms, "the pose", where)
+            warn_of_mirroring(float(checked[-1].min(initial=0)), f"{where}: a transform of cameras")
             matrices = camera_matrices(*checked)
-        return self._pinholes_of(options)._replace(matrices=matrices)
+        return self._pinholes_of(options, where)._replace(matrices=matrices)
 
-    def _pinholes_of(self, options: Mapping[str, Any]) -> ViewCameras:
+    def _pinholes_of(self, options: Mapping[str, Any], where: str) -> ViewCameras:
         """Pinhole cameras with any transforms: the latest, where they were made from the same numbers."""
         # Comparing single numbers is quicker than making arrays of them, which most frames need not do again.
         plain = all(type(value) in (int, float) for value in options.values())
@@ -263,25 +266,30 @@ class CameraReader:
             return self._pinholes
         count = self._count
         shapes = {"K": ((count, 3, 3), (3, 3))}
-        numbers = {name: array(value, name, *shapes.get(name, ((count,), ()))) for name, value in options.items()}
+        numbers = {
+            name: array(value, name, *shapes.get(name, ((count,), ())), where=where) for name, value in options.items()
+        }
         seen = {name: (value.shape, value.tobytes()) for name, value in numbers.items()}
         if self._pinholes is None or seen != self._seen:
-            self._pinholes = self._make_pinholes(numbers)
+            self._pinholes = self._make_pinholes(numbers, where)
             self._seen = seen
         self._plain = options if plain else None
         return self._pinholes
 
-    def _make_pinholes(self, numbers: dict[str, Floats]) -> ViewCameras:
+    def _make_pinholes(self, numbers: dict[str, Floats], where: str) -> ViewCameras:
         count = self._count
         near = np.broadcast_to(numbers.pop("near", np.float64(DEFAULTS.near)), count)
         ev100 = np.broadcast_to(numbers.pop("ev100", np.float64(DEFAULTS.ev100)), count)
-        half, shift = self._intrinsics_of(numbers)
+        half, shift = self._intrinsics_of(numbers, where)
         check_all(
             (near >= 1e-9) & (near <= checks.LARGEST_COORDINATE),
             f"lie between 1e-9 and {checks.LARGEST_COORDINATE:g} m",
             "near",
+            where,
         )
-        check_all(np.abs(ev100) <= LARGEST_EV100, f"lie between -{LARGEST_EV100:g} and {LARGEST_EV100:g}", "ev100")
+        check_all(
+            np.abs(ev100) <= LARGEST_EV100, f"lie between -{LARGEST_EV100:g} and {LARGEST_EV100:g}", "ev100", where
+        )
         records = np.zeros(count, self._dtype)
         records["size"] = self._size
         records["picture_size"] = self._size
@@ -297,13 +305,13 @@ class CameraReader:
         no_matrices = np.empty((0, count), np.float32)
         return ViewCameras(records, [], {}, np.zeros((count, 2)), shift, exposure, no_matrices)
 
-    def _intrinsics_of(self, numbers: Mapping[str, Floats]) -> tuple[Floats, Floats]:
+    def _intrinsics_of(self, numbers: Mapping[str, Floats], where: str) -> tuple[Floats, Floats]:
         """As `of_fov`, of what gives the lens: at most one of fov, vertical_fov and K."""
         if len(numbers) > 1:
-            raise SolariError(f"Batch.render: give one of {', '.join(numbers)}")
+            raise SolariError(f"{where}: give one of {', '.join(numbers)}")
         if "K" in numbers:
-            return of_matrices(np.broadcast_to(numbers["K"], (self._count, 3, 3)), self._size)
+            return of_matrices(np.broadcast_to(numbers["K"], (self._count, 3, 3)), self._size, where)
         if "fov" in numbers:
-            return of_fov(np.broadcast_to(numbers["fov"], self._count) * (math.pi / 180), self._size)
+            return of_fov(np.broadcast_to(numbers["fov"], self._count) * (math.pi / 180), self._size, where)
         fov = numbers.get("vertical_fov", np.float64(DEFAULTS.vertical_fov))
-        return of_fov(np.broadcast_to(fov, self._count), self._size)
+        return of_fov(np.broadcast_to(fov, self._count), self._size, where)

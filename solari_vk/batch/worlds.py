@@ -66,6 +66,7 @@ class Worlds:
         self._instances: NDArray[Any] = np.zeros((0, 0))
         self._traced: NDArray[Any] = np.zeros((0, 0))
         self._written_key: Any = None
+        self._written_blockers: Any = None
         self._written_light_index: NDArray[np.uint32] | None = None
 
     # ---- what others read ---------------------------------------------------------------------------
@@ -189,12 +190,14 @@ class Worlds:
         differing = self._overridden_instances.all(overrides, blockers)
         # Lists of lights that are others often leave each emitter its row, which is all that instances say of lights.
         has_new_rows = self._lights.light_index is not self._written_light_index
+        new_blockers = _key_of(blockers) != self._written_blockers
         # Also where the ball of a light is the scene's again.
         differ_elsewhere = self._written_key != self._array_key(differing)
-        if not (has_new_lights or blockers or differ_elsewhere) and self._only_tensors_moved(overrides, differing):
+        if not (has_new_lights or new_blockers or differ_elsewhere) and self._only_tensors_moved(overrides, differing):
             self._build(differing, moved)
-        elif has_new_surfaces or has_new_rows or moved or blockers or differ_elsewhere:
+        elif has_new_surfaces or has_new_rows or moved or new_blockers or differ_elsewhere:
             self._write(differing)
+            self._written_blockers = _key_of(blockers)
         self._is_current = True
         overrides.confirm()
 
@@ -370,3 +373,8 @@ class Worlds:
         self._structures.destroy()
         for buffer in self._buffers.values():
             buffer.destroy()
+
+
+def _key_of(blockers: Mapping[Any, Any]) -> Any:
+    """What records have of the balls of lights."""
+    return [(instance, own.transforms.tobytes(), own.masks.tobytes()) for instance, own in blockers.items()]

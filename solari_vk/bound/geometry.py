@@ -5,6 +5,7 @@ The vertices of a mesh in the pose of an instance are computed on the device: bo
 
 from __future__ import annotations
 
+import weakref
 from collections.abc import Hashable, Mapping
 from typing import Any
 
@@ -44,7 +45,10 @@ class Geometry:
         self.posed = ScenePoses(device, block_dtypes, self.table)
         self.rows: RowAllocator[DeviceMesh] = RowAllocator()
         self._ray_users: RowAllocator[DeviceMesh] = RowAllocator()
-        self._posed_meshes: dict[tuple[Mesh, Instance], PosedMesh] = {}
+        # Those that are used, or will be: an update that fails before it uses one must not keep it.
+        self._posed_meshes: weakref.WeakValueDictionary[tuple[Mesh, Instance], PosedMesh] = (
+            weakref.WeakValueDictionary()
+        )
         self._attributes = block_dtypes["vertex_attributes"]
         self.tensors = MeshTensors(device, port, self.table, self.rows, self._attributes)
         self.structures = MeshStructures(device, self.tensors)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 import sys
 from collections.abc import Iterator, Mapping, Sequence
@@ -49,8 +50,10 @@ def make_job(options: RenderOptions) -> StillJob | MovieJob:
     kind = StillJob if options.animate is None else MovieJob
     job = kind(**{**vars(options), **_mode(options, kind.GROUPS)})
     _check_options_of_modes(job)
-    if options.target_error is not None and not options.target_error > 0:
-        raise SolariError(f"--target-error {options.target_error:g}: must be more than 0, such as 0.02 for 2 %")
+    if options.target_error is not None and not 0 < options.target_error < math.inf:
+        raise SolariError(
+            f"--target-error {options.target_error:g}: must be a finite number above 0, such as 0.02 for 2 %"
+        )
     check_time_limit(options.time_limit)
     if options.sensor is not None:
         resolve(SENSOR).load(options.sensor)

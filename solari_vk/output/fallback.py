@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from solari_vk.base.errors import SolariError
+from solari_vk.base.errors import SolariError, reworded
 from solari_vk.base.files import make_temporary_folder
 
 
@@ -44,7 +44,9 @@ def frames_folder() -> Iterator[Path]:
         yield folder
     except SolariError as error:
         has_pictures = any(folder.iterdir())
-        raise type(error)(f"{error}; the pictures so far are in {folder}" if has_pictures else str(error)) from None
+        if not has_pictures:
+            raise
+        raise reworded(error, f"{error}; the pictures so far are in {folder}") from None
     finally:
         # After an error they stay, because they may have taken hours.
         if not has_pictures:

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from solari_vk.base.color import LUMINANCE_WEIGHTS
-from solari_vk.base.errors import SolariError, checked_keywords
+from solari_vk.base.errors import SolariError, checked_keywords, is_name, quoted
 from solari_vk.gpu.shaders import headers
 
 Colors = NDArray[np.float32]
@@ -122,8 +122,8 @@ def tonemap(radiance: ArrayLike, *, exposure: float = 1.0, curve: str = "agx") -
     `RenderedFrame.image` those of a frame. exposure: such as `camera.exposure`. curve: a name of `CURVES`. NaN becomes
     black, infinity white. Raises SolariError for an unknown curve.
     """
-    if curve not in CURVES:
-        raise SolariError(f"there is no tone mapping '{curve}'; there are {', '.join(CURVES)}")
+    if not is_name(curve, CURVES):
+        raise SolariError(f"there is no tone mapping {quoted(curve)}; there are {', '.join(CURVES)}")
     with np.errstate(over="ignore"):  # becomes infinity, which is white
         exposed = np.asarray(radiance, np.float32) * np.float32(exposure)
     finite = np.nan_to_num(exposed, nan=0.0, posinf=MAX_EXPOSED, neginf=0.0)

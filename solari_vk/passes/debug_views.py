@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from solari_vk.base.errors import SolariError, unknown_name
+from solari_vk.base.errors import SolariError, is_name, unknown_name
 
 PICTURE = "picture"
 
@@ -255,7 +255,7 @@ def views_of(lighting: str) -> tuple[str, ...]:
 
 def check_view(name: str, lighting: str) -> None:
     """Raise SolariError unless the lighting has this view."""
-    if name not in DEBUG_VIEWS:
+    if not is_name(name, DEBUG_VIEWS):
         raise unknown_name("there is no view", name, views_of(lighting))
     if name not in views_of(lighting):
         raise SolariError(f"the view '{name}' needs the setting lighting={_LIGHTINGS[name]}, not {lighting}")

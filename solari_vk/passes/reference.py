@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from solari_vk.base.errors import SolariError, quoted
+from solari_vk.base.errors import SolariError, is_name, quoted
 from solari_vk.gpu.frame.stages import IfUsed, Pass, Stage
 from solari_vk.gpu.shaders.headers import enumeration
 from solari_vk.passes.first_hits import FIRST_HITS
@@ -50,7 +50,7 @@ class Settings:
         choices = {"light_strategy": LIGHT_STRATEGIES, "layering": LAYERINGS, "pixel_filter": tuple(PIXEL_FILTERS)}
         for name, known in choices.items():
             value = getattr(self, name)
-            if value not in known:
+            if not is_name(value, known):
                 raise SolariError(f"PathTracer: {name} must be one of {', '.join(known)}, not {quoted(value)}")
         for name in ("max_bounces", "seed", "first_sample"):
             value = getattr(self, name)

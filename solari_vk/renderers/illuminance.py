@@ -81,6 +81,8 @@ def illuminance(
 class _PointTracer(PathTracer):
     """A path tracer whose pixels are points with normals (N, 6), row by row; the last row is filled up."""
 
+    LARGEST_PIXEL_BYTES = 24  # of a point with its normal
+
     def __init__(
         self,
         device: Device,
@@ -93,10 +95,20 @@ class _PointTracer(PathTracer):
         # Nearly square, because dispatches are grids of squares of 8 x 8 pixels.
         width = math.ceil(math.sqrt(len(points)))
         size = width, math.ceil(len(points) / width)
+        self._count = len(points)
         self._points = np.resize(points, (size[0] * size[1], 6))
         # The point itself counts as a surface at which the path is scattered.
         super().__init__(device, scene, size, max_bounces=max_bounces + 1, seed=seed)
         self._frame.uniforms["measurement.cylindrical"] = cylindrical
+
+    def _checked_size(self, size: tuple[int, int]) -> tuple[int, int]:
+        most = int(self.device.properties.limits.maxStorageBufferRange) // self.LARGEST_PIXEL_BYTES
+        if math.prod(size) > most:
+            raise SolariError(
+                f"illuminance: {self._count:,} points at once are more than this device holds, which is "
+                f"{math.isqrt(most) ** 2:,}: measure them in parts"
+            )
+        return size
 
     def _stages(self, size: tuple[int, int]) -> list[Stage]:
         return [reference.trace_stage(size, self._dispatch.rows, self.settings, "illuminance")]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import time
 from collections.abc import Callable
-from numbers import Integral, Real
+from numbers import Integral
 from typing import Any
 
 import numpy as np
@@ -24,7 +24,7 @@ from solari_vk.renderers.dispatch_size import MAX_SAMPLES, DispatchSize
 from solari_vk.renderers.motion_blur import CallbackCameras, PoseCallback, checked_pose, pose_after_error
 from solari_vk.renderers.renderer_base import RendererBase
 from solari_vk.renderers.results import RenderedFrame
-from solari_vk.renderers.sample_counts import SampleCounts
+from solari_vk.renderers.sample_counts import SampleCounts, check_target
 from solari_vk.renderers.scene_frame import SceneFrame
 from solari_vk.scene.model import Camera, Scene
 from solari_vk.scene.shutter import Moment, Shutter
@@ -211,8 +211,7 @@ class PathTracer(RendererBase):
         """Raise SolariError for a number of samples or a target that no picture can have."""
         if not isinstance(samples, Integral) or samples < 1:
             raise SolariError(f"PathTracer.render: samples must be a whole number from 1 on, not {quoted(samples)}")
-        if target_error is not None and not (isinstance(target_error, Real) and float(target_error) >= 0):
-            raise SolariError(f"PathTracer.render: target_error must be at least 0, not {quoted(target_error)}")
+        check_target(target_error, "PathTracer.render")
         if denoise:
             oidn.check_installed()
         if exposes and target_error is not None:

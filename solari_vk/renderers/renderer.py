@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from solari_vk.base.errors import SolariError, checked_keywords, quoted, unknown_name
+from solari_vk.base.errors import SolariError, checked_keywords, is_name, quoted, unknown_name
 from solari_vk.bound.binder import SceneBinder
 from solari_vk.bound.features import LOBES
 from solari_vk.bound.lights.index_translation import IndexTranslation
@@ -362,7 +362,7 @@ class Renderer(RendererBase):
 
     @tonemap.setter
     def tonemap(self, name: str) -> None:
-        if name not in TONEMAPS:
+        if not is_name(name, TONEMAPS):
             raise unknown_name("Renderer: there is no tone mapping", name, TONEMAPS)
         self._tonemap = TONEMAPS.index(name)
 

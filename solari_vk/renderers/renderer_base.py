@@ -49,6 +49,7 @@ class RendererBase(Hints):
 
     OUTPUTS: ClassVar[tuple[str, ...]]
     """The names of all results that frames may have."""
+    TAKES_LISTS: ClassVar[bool] = False  # whether it renders a SceneBinder of a list of scenes
     LARGEST_PIXEL_BYTES: ClassVar[int]  # the largest size of a pixel in any one buffer
     IN_IMAGES: ClassVar[bool]  # whether results are in images, whose sides the device limits
     view: str = "picture"
@@ -65,7 +66,7 @@ class RendererBase(Hints):
         self.device = checked_device(device, type(self).__name__)
         self._size = self._checked_size(size)
         self._owned = ExitStack()
-        self.binder = bind_scene(device, scene, type(self).__name__, self._owned)
+        self.binder = bind_scene(device, scene, type(self).__name__, self._owned, many=self.TAKES_LISTS)
         try:
             # The tables and the subclasses' frames need to know the scene's features.
             self.binder.update()

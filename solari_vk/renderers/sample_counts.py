@@ -4,18 +4,26 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from numbers import Real
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from solari_vk.base.errors import warn
+from solari_vk.base.errors import SolariError, quoted, warn
 from solari_vk.gpu.frame.frame import Frame
 from solari_vk.output.adaptive import SamplePlan
 from solari_vk.output.error import ErrorEstimate
 from solari_vk.passes import reference
 
 FIRST_DENOISED_LOOK = 8  # samples of the first denoised picture whose error is estimated
+
+
+def check_target(target: Any, where: str) -> None:
+    """Raise SolariError unless a picture may end at this error; None is for none."""
+    # An infinite error would end a picture before its first sample, and NaN none.
+    if target is not None and not (isinstance(target, Real) and 0 <= float(target) < math.inf):
+        raise SolariError(f"{where}: target_error must be a finite number from 0 on, not {quoted(target)}")
 
 
 class SampleCounts:

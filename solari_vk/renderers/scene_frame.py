@@ -6,7 +6,7 @@ from collections.abc import Collection, Mapping, Sequence
 from contextlib import ExitStack
 from typing import Any
 
-from solari_vk.base.errors import Hints
+from solari_vk.base.errors import Hints, SolariError
 from solari_vk.bound.binder import SceneBinder
 from solari_vk.gpu.acceleration.checks import check_kind
 from solari_vk.gpu.device import raw
@@ -15,16 +15,22 @@ from solari_vk.gpu.frame.frame import Frame, Stage
 from solari_vk.scene.model import Scene
 
 
-def bind_scene(device: Device, scene: Scene | SceneBinder, who: str, owned: ExitStack) -> SceneBinder:
+def bind_scene(
+    device: Device, scene: Scene | SceneBinder | Sequence[Scene], who: str, owned: ExitStack, *, many: bool = False
+) -> SceneBinder:
     """The binder that holds a scene on the device: one made for a Scene, which `owned` frees, or the one that is given.
 
     Objects that are given the same SceneBinder share the scene's memory on the device, which the caller frees. who: the
-    class that asks, for messages. Raises SolariError for a device or a scene of the wrong type.
+    class that asks, for messages. many: whether it may be a list of scenes, or a SceneBinder of one. Raises SolariError
+    for a device or a scene of the wrong type.
     """
     checked_device(device, who)
-    check_kind(scene, (Scene, SceneBinder), f"{who}: the scene", "give a solari_vk.Scene, or a SceneBinder")
-    if not isinstance(scene, Scene):
+    if not (many and isinstance(scene, (list, tuple))):
+        check_kind(scene, (Scene, SceneBinder), f"{who}: the scene", "give a solari_vk.Scene, or a SceneBinder")
+    if isinstance(scene, SceneBinder):
         device.check_owns(scene, f"{who}: the SceneBinder")
+        if scene.has_many_scenes and not many:
+            raise SolariError(f"{who}: the SceneBinder has a list of scenes, which Batch shows: give that of one scene")
         return scene
     binder = SceneBinder(device, scene)
     owned.callback(binder.destroy)
@@ -50,7 +56,7 @@ class SceneFrame(Frame, Hints):
         **options: Any,
     ) -> None:
         self._owned = ExitStack()
-        self.binder = bind_scene(device, scene, type(self).__name__, self._owned)
+        self.binder = bind_scene(device, scene, type(self).__name__, self._owned, many=True)
         try:
             # The shaders are compiled for the features that the scene has, so it must be on the device before.
             self.binder.update(self)

@@ -7,6 +7,10 @@ import math
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+
+from solari_vk.base.errors import is_name
+
 
 @dataclass(frozen=True)
 class Field:
@@ -24,10 +28,10 @@ class Field:
 
     def checked(self, value: Any, default: Any) -> Any:
         """The value in the default's type; None if it isn't allowed."""
-        if self.choices or isinstance(default, bool):
-            if value not in (self.choices or (True, False)):
-                return None
-            return value if self.choices else bool(value)
+        if self.choices:
+            return value if is_name(value, self.choices) else None
+        if isinstance(default, bool):
+            return bool(value) if np.ndim(value) == 0 and value in (True, False) else None
         try:
             number = float(value)
         except (TypeError, ValueError, OverflowError):

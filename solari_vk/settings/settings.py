@@ -7,7 +7,7 @@ import functools
 from functools import partial
 from typing import Any
 
-from solari_vk.base.errors import Hints, SolariError, quoted, unknown_name
+from solari_vk.base.errors import Hints, SolariError, is_name, quoted, unknown_name
 from solari_vk.settings.field import Field, setting
 from solari_vk.settings.layering import LAYERINGS
 from solari_vk.settings.presets import QUALITIES as QUALITIES
@@ -260,7 +260,7 @@ class Settings(SeparatePasses, Hints):
     @classmethod
     def preset(cls, quality: str) -> Settings:
         """The settings of one of QUALITIES. Raises SolariError for another name."""
-        if quality not in QUALITIES:
+        if not is_name(quality, QUALITIES):
             raise SolariError(f"Settings: quality is one of {', '.join(QUALITIES)}, not {quoted(quality)}")
         return cls(**QUALITIES[quality])
 

@@ -264,14 +264,14 @@ def test_arrays_give_the_numbers_of_cameras(kind):
         camera.update(transform=poses[index])
     element = reflect(compile_shader(SHADER), SHADER).bindings["views"].element["current"]
     reader = view_cameras.CameraReader(element, count, size)
-    one_by_one, together = reader.read(cameras, {}), reader.read(poses, {kind: K if kind == "K" else fov})
+    one_by_one, together = reader.read(cameras, {}, ""), reader.read(poses, {kind: K if kind == "K" else fov}, "")
     assert one_by_one.lenses == []
     np.testing.assert_array_equal(together.matrices, one_by_one.matrices)
     for name in element.names[2:]:
         np.testing.assert_array_equal(together.records[name], one_by_one.records[name], err_msg=name)
-    same = reader.read(poses, {kind: np.array(K if kind == "K" else fov)})  # equal lenses aren't made again
+    same = reader.read(poses, {kind: np.array(K if kind == "K" else fov)}, "")  # equal lenses aren't made again
     assert same.records is together.records
-    other = reader.read(poses, {kind: K[::-1] if kind == "K" else fov[::-1], "near": 0.5})
+    other = reader.read(poses, {kind: K[::-1] if kind == "K" else fov[::-1], "near": 0.5}, "")
     assert other.records["near"][0] == 0.5 != same.records["near"][0]
 
 
@@ -435,6 +435,8 @@ def test_wrong_options_are_named(device, binder, three):
     most, records = limit // 12 // (64 * 64), limit // three._views_binding.element.itemsize
     for options, said in (
         ({"renderer": "real"}, "renderer is one of labels, reference, realtime"),
+        ({"renderer": ["labels"]}, r"renderer is one of labels, reference, realtime, not \['labels'\]"),
+        ({"outputs": [["depth"]]}, r"no output \['depth'\]"),
         ({"seed": 4}, "renderer='labels' has no option 'seed'"),
         ({"renderer": "reference", "sead": 4}, "did you mean 'seed'"),
         ({"renderer": "reference", "seed": -1}, "seed must lie between"),

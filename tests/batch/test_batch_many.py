@@ -159,6 +159,21 @@ def test_single_frames_take_two_slots(device, monkeypatch):
     assert recorded == {0, 1}
 
 
+def test_frames_are_over_when_others_are_rendered(device):
+    """Also where the others have the same sizes, and so the same memory, which tensors go on to show."""
+    with sv.Batch(device, sv.builtin("cornell_box"), SIZE, VIEWS, outputs=["depth"]) as batch:
+        first = batch.render_many(poses_of(2), frames=2)
+        memory, tensor = first.memory, first.tensor("depth")
+        for frames in (2, 3):
+            after = batch.render_many(poses_of(frames), frames=frames)
+            assert (after.memory is memory) == (frames == 2)
+            for name in ("depth", "depht"):
+                with pytest.raises(sv.SolariError, match=r"has rendered many frames again|did you mean 'depth'"):
+                    first[name]
+            assert after["depth"].shape == (frames, VIEWS, *SIZE[::-1])
+    assert tensor.min() > 0  # and its memory is still there
+
+
 def test_what_is_wrong_in_a_later_frame_changes_nothing(device):
     scene = sv.builtin("cornell_box")
     moves = np.tile(scene.instances["short block"].transform, (3, 2, 1, 1))
@@ -198,11 +213,18 @@ def test_frames_have_tensors_where_memory_is_not_mapped(device):
         ({"cameras": [[sv.Camera()] * 2] * 3}, "give 5 lists of cameras, one for each frame, not 3"),
         ({"cameras": np.zeros((5, 2, 4, 4))}, "the pose of view 0 must be affine"),
         ({"transforms": [1]}, r"transforms is a dictionary of arrays by instance, not \[1\]"),
+        ({"fov": 200}, "field of view of view 0"),
+        ({"K": np.zeros((3, 3))}, "K of view 0"),
+        ({"fov": 30, "vertical_fov": 1}, "give one of"),
+        ({"near": 0}, "near of view 0"),
+        ({"samples": 4}, "realtime renderer takes no samples"),
+        ({"seeds": [0.5, 1]}, "the seed of view 0"),
+        ({"cameras": [sv.Camera(auto_exposure=True)] * 2}, "can't choose an exposure"),
         ({"reset_cache": np.array([True, False])}, "reset_cache is True or False, not"),
     ],
 )
 def test_wrong_frames_are_named(device, options, said):
     with sv.Batch(device, sv.builtin("cornell_box"), SIZE, VIEWS, renderer="realtime", outputs=()) as batch:
-        with pytest.raises(sv.SolariError, match=said):
+        with pytest.raises(sv.SolariError, match=f"^Batch.render_many.*{said}"):
             batch.render_many(**{"cameras": poses_of(), "frames": FRAMES, **options})
         batch.render(poses_of(1)[0])  # goes on

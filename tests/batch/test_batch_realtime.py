@@ -66,7 +66,7 @@ def check_views(device, scene, size, count, frames, settings, edit=None):
 def moving(count, frames=4, **options):
     """Frames with a cut of the first view, or the only one, in the third."""
     cut = np.arange(count) == 0
-    return [(poses_of(orbit(count, index)), options, cut if index == 2 else False) for index in range(frames)]
+    return [(poses_of(orbit(count, index)), dict(options), cut if index == 2 else False) for index in range(frames)]
 
 
 @pytest.mark.parametrize(("size", "count"), [pytest.param((13, 7), 5, marks=pytest.mark.slow), ((16, 24), 3)])
@@ -114,13 +114,18 @@ def test_light_changes_before_a_cut(device):
     def scene():
         made = sv.builtin("cornell_box")
         made.add(sv.DirectionalLight(direction=(0.1, -0.3, 1), illuminance=30))
+        made.add(sv.PointLight((1, 1, 0.5), intensity=0.1, name="small"))
         return made
 
     def edit(scene, index):
         if index == 1:
             scene.lights[0].illuminance = 12
+        if index == 6:
+            scene.lights["small"].intensity = 0
 
-    check_views(device, scene, (13, 7), 2, moving(2, 8, fov=60), ALONE, edit)
+    frames = moving(2, 8, fov=60)
+    frames[6][1]["reset_cache"] = True  # which views that go on have nothing to do with
+    check_views(device, scene, (13, 7), 2, frames, ALONE, edit)
 
 
 @pytest.mark.slow

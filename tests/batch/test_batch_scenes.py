@@ -7,8 +7,11 @@ from unittest.mock import Mock
 
 import numpy as np
 import pytest
+from support.frames import leaves_nothing
 
 import solari_vk as sv
+from solari_vk.batch import results
+from solari_vk.bound.binder import SceneBinder
 from solari_vk.passes.reference import numbered_seeds
 from solari_vk.settings import Settings
 
@@ -167,6 +170,31 @@ def test_wrong_lists_are_named(device, scenes, options, said):
     given = known["a"] if scenes is None else [known.get(letter, letter) for letter in scenes]
     with pytest.raises(sv.SolariError, match=said):
         sv.Batch(device, given, SIZE, 4, **options)
+
+
+def test_a_binder_of_a_list_shows_its_scenes_in_worlds_alone(device, monkeypatch):
+    scenes = [sv.builtin("cornell_box"), sv.Scene()]
+    with leaves_nothing(device):
+        binder = SceneBinder(device, scenes)
+        with sv.Batch(device, binder, SIZE, 2, outputs=["depth"]) as batch:
+            depth = batch.render(CAMERAS[:2], fov=50)["depth"]
+            assert np.isfinite(depth[0]).any()
+            assert not np.isfinite(depth[1]).any()
+        with pytest.raises(sv.SolariError, match="worlds=2 goes with one scene"):
+            sv.Batch(device, binder, SIZE, 2, worlds=2)
+        for kind, size in ((sv.RayTracer, ()), (sv.PathTracer, (SIZE,)), (sv.Renderer, (SIZE,))):
+            with pytest.raises(sv.SolariError, match=f"{kind.__name__}: the SceneBinder has a list of scenes"):
+                kind(device, binder, *size)
+        binder.destroy()
+
+        def full(device):
+            raise sv.DeviceError("no memory")
+
+        # What a batch has made of a list is freed where it can't be made.
+        monkeypatch.setattr(results, "TensorPort", full)
+        with pytest.raises(sv.DeviceError, match="no memory"):
+            sv.Batch(device, scenes, SIZE, 2)
+        device.wait_idle()
 
 
 def test_what_is_for_worlds_of_one_scene_is_named(device):

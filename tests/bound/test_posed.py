@@ -13,6 +13,7 @@ from support.scenes import bent_joints, tube
 
 import solari_vk as sv
 from solari_vk.base.errors import SolariError
+from solari_vk.bound import scene_records
 from solari_vk.bound.binder import SceneBinder
 from solari_vk.scene.meshes.deformation import Deformation
 
@@ -188,6 +189,22 @@ def test_edits_of_posed_meshes(bound):
     binder.scene.remove(still)
     binder.update()
     assert not binder.triangle_orders
+
+
+def test_an_update_that_fails_keeps_no_pose(bound, monkeypatch):
+    """Of an instance for which there is no room, and which then leaves the scene."""
+    binder = bound(sv.Instance(tube()[0]))
+    binder.update()
+    mesh, rest = tube()
+    instance = sv.Instance(mesh, joint_matrices=bent_joints(rest, 0.2))
+    with monkeypatch.context() as full:
+        full.setattr(scene_records, "MAX_INSTANCES", 1)
+        binder.scene.add(instance)
+        with pytest.raises(SolariError, match="more than 1 instances"):
+            binder.update()
+    binder.scene.remove(instance)
+    binder.update()
+    assert not binder.assets.geometry._posed_meshes
 
 
 ANGLES = st.none() | st.floats(-1, 1)

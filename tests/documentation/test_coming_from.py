@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import re
 import tomllib
 
@@ -9,7 +10,7 @@ import pytest
 from test_pages import DOCS, SMALLER, blocks, folder, text_of  # noqa: F401  # `folder` is a fixture
 
 import solari_vk as sv
-from solari_vk.base.errors import OTHER_WORDS
+from solari_vk.base.errors import OTHER_WORDS, other_words
 from solari_vk.cli import _parser
 
 PAGE = DOCS / "guides/coming_from.md"
@@ -63,3 +64,14 @@ def test_calls_run(lent_device, folder):  # noqa: F811
     for code in (*blocks(PAGE, "python"), *calls()):
         run(code, names)
     names["device"].close()
+
+
+def test_words_of_other_programs_are_none_of_ours():
+    """Advice such as "none is written" would hide an option that has come since."""
+    for asked, words in other_words().items():
+        first, _, rest = asked.partition(".")
+        if not hasattr(sv, first):
+            continue
+        called = getattr(getattr(sv, first), rest) if rest else getattr(sv, first)
+        parameters = set(inspect.signature(called).parameters) if callable(called) else set()
+        assert not parameters & words.keys(), f"{asked} takes these"

@@ -5,11 +5,13 @@ from __future__ import annotations
 import math
 import re
 
+import numpy as np
 import pytest
 
 import solari_vk as sv
 from solari_vk.gpu.shaders.compiler import compile_shader, glsl_root
 from solari_vk.gpu.shaders.spirv import reflect
+from solari_vk.passes import reference
 from solari_vk.settings import DEFAULTS, FIELDS, QUALITIES, allowed, uniform_values
 from solari_vk.settings.shaders import UNIFORMS
 
@@ -145,3 +147,19 @@ def test_the_blocks_have_the_settings_types():
 def test_words_for_settings_leave_out_defaults():
     assert repr(sv.Settings()) == "Settings()"
     assert repr(sv.Settings(denoise=False, upscale=2)) == "Settings(upscale=2.0, denoise=False)"
+
+
+@pytest.mark.parametrize("wrong", [["agx"], {}, 3, np.zeros(2)], ids=repr)
+def test_choices_are_names(wrong):
+    """What can't be looked up in a dictionary, or compared, is named as any other wrong value."""
+    for choose in (
+        lambda: sv.Settings(lighting=wrong),
+        lambda: sv.Settings(denoise=wrong),
+        lambda: sv.Settings.preset(wrong),
+        lambda: sv.builtin(wrong),
+        lambda: sv.tonemap(np.zeros(3), curve=wrong),
+        lambda: sv.Device(rays=wrong),
+        lambda: reference.Settings(16, 0, wrong, "box", "conserving", False, 0),
+    ):
+        with pytest.raises(sv.SolariError, match=re.escape(repr(wrong)[:4])):
+            choose()

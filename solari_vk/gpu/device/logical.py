@@ -10,7 +10,7 @@ from functools import lru_cache
 from typing import NoReturn
 from weakref import WeakSet
 
-from solari_vk.base.errors import DeviceError, SolariError, ValidationError, quoted, warn
+from solari_vk.base.errors import DeviceError, SolariError, ValidationError, is_name, quoted, warn
 from solari_vk.gpu.device import raw
 from solari_vk.gpu.device.instance import Instance
 from solari_vk.gpu.device.physical import (
@@ -34,7 +34,7 @@ _open_devices: WeakSet[LogicalDevice] = WeakSet()
 def asked_for(select: str | int | None, rays: str | None) -> tuple[str | int | None, str]:
     """The device and the method of tracing that are asked for, where they are None by the environment's variables."""
     chosen = (os.environ.get("SOLARI_VK_RAYS") or AUTO) if rays is None else rays
-    if chosen not in (AUTO, *RAYS):
+    if not is_name(chosen, (AUTO, *RAYS)):
         where = "SOLARI_VK_RAYS" if rays is None else "rays"
         raise SolariError(f"{where} is {quoted(chosen)}: take one of {', '.join((AUTO, *RAYS))}")
     return os.environ.get("SOLARI_VK_DEVICE") or None if select is None else select, chosen

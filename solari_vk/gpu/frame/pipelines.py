@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from solari_vk.base.errors import SolariError
+from solari_vk.base.errors import SolariError, reworded
 from solari_vk.gpu.device import raw
 from solari_vk.gpu.device.compiling import announced
 from solari_vk.gpu.device.device import Device
@@ -208,7 +208,7 @@ class Pipelines:
                 table = ShaderBindingTable(device, handle, item.kind, item.name)
         except SolariError as error:
             destroy()
-            return type(error)(f"pass {item.name}: {error}")
+            return reworded(error, f"pass {item.name}: {error}")
         if self._acquire(key):  # another frame has made it meanwhile, called by `on_compile`
             destroy()
             return None

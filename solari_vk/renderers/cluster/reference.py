@@ -23,12 +23,13 @@ from solari_vk.output import oidn
 from solari_vk.output.error import ErrorEstimate, luminance
 from solari_vk.renderers.cluster.device_session import DeviceSession, OneDevice
 from solari_vk.renderers.cluster.worker_pool import WorkerPool
-from solari_vk.renderers.sample_counts import FIRST_DENOISED_LOOK
+from solari_vk.renderers.sample_counts import FIRST_DENOISED_LOOK, check_target
 from solari_vk.scene.model import Camera, Scene
 
 CHUNKS = 32  # of a picture with few samples, so that as many workers have something to do
 LARGEST_CHUNK = 64  # samples per pixel: a longer one would be lost as a whole with its worker
 CHUNK_OF_TARGET = 16  # samples per pixel where an error ends the picture, which may then have a chunk too many
+OF_ALL_SAMPLES = ("radiance", "raw_radiance", "variance")  # results of PathTracer
 
 
 def chunk_samples(samples: int | None) -> int:
@@ -191,8 +192,10 @@ def render_reference(
         oidn.check_installed()
     if camera is None:
         camera = scene.camera_for(size[0] / size[1])
-    # The variance comes of the samples of all chunks; other layers are the same in each, so the first brings them.
-    names = tuple(name for name in layers if name != "variance")
+    if isinstance(layers, str):
+        layers = (layers,)
+    # What the samples of all chunks make is the picture's; other layers are the same in each, so the first brings them.
+    names = tuple(name for name in layers if name not in OF_ALL_SAMPLES)
     first = Chunk(0, 0, chunk_samples(samples), camera, size, max_bounces, seed, names, guided=denoise)
     picture = ReferencePicture(denoise)
     estimate = ErrorEstimate(FIRST_DENOISED_LOOK if denoise else 1)
@@ -207,15 +210,15 @@ def render_reference(
                 picture.add_rest()
                 break
     picture.error = estimate.error
-    if "variance" in layers:
-        picture.layers["variance"] = picture.variance
+    picture.layers.update({name: getattr(picture, name) for name in OF_ALL_SAMPLES if name in layers})
     return picture
 
 
-def _check_aim(samples: Any, target_error: float | None) -> None:
+def _check_aim(samples: Any, target_error: Any) -> None:
     """Raise SolariError where nothing says how many samples a picture takes."""
-    if samples is None and target_error is None:
-        raise SolariError("render_reference: give a number of samples, or a target_error")
+    check_target(target_error, "render_reference")
+    if samples is None and not target_error:
+        raise SolariError("render_reference: give a number of samples, or a target_error above 0")
     if samples is not None and (not isinstance(samples, Integral) or samples < 1):
         raise SolariError(f"render_reference: samples must be a whole number from 1 on, not {quoted(samples)}")
 

@@ -18,7 +18,7 @@ from numbers import Integral
 from queue import Empty, SimpleQueue
 from typing import Any, Self
 
-from solari_vk.base.errors import DeviceError, SolariError, quoted
+from solari_vk.base.errors import DeviceError, SolariError, quoted, reworded
 from solari_vk.renderers.cluster.device_session import AnyJob, DeviceOptions, Results, pack
 from solari_vk.renderers.cluster.identity import Identity
 from solari_vk.scene.model import Scene
@@ -312,7 +312,7 @@ class WorkerPool:
             self._say(f"{task.job.name} is tried again: {error}")
             return False
         if isinstance(error, SolariError):
-            raise type(error)(f"{task.job.name}: {error}")
+            raise reworded(error, f"{task.job.name}: {error}")
         raise error
 
     def _result(self, future: Any) -> Any:

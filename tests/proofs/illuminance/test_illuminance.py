@@ -12,6 +12,7 @@ from support.seeded_bugs import Bug, Measurement, Rule, bug_tests, require
 
 import solari_vk as sv
 from solari_vk.base.errors import SolariError
+from solari_vk.renderers import illuminance
 from solari_vk.scene import shapes
 from solari_vk.scene.builtin import closed_box
 
@@ -262,6 +263,15 @@ def test_points_on_a_floor_see_what_is_above_it(device):
 def test_wrong_arguments_are_errors(points, options, said):
     with pytest.raises(SolariError, match=said):
         sv.illuminance(None, sv.Scene(), points, **options)
+
+
+def test_more_points_than_a_device_holds_are_refused(device, monkeypatch):
+    limit = device.properties.limits.maxStorageBufferRange
+    monkeypatch.setattr(illuminance._PointTracer, "LARGEST_PIXEL_BYTES", limit // 32)
+    with pytest.raises(
+        SolariError, match=r"illuminance: 99 points at once .* holds, which is 25: measure them in parts"
+    ):
+        sv.illuminance(device, sv.Scene(), np.zeros((99, 3)), samples=16)
 
 
 test_a_seeded_bug_is_noticed = bug_tests(

@@ -18,7 +18,7 @@ from solari_vk.renderers.cluster.reference import ChunkResult, ReferencePicture,
 from solari_vk.renderers.cluster.worker_pool import WorkerPool
 
 SIZE = 24, 16
-LAYERS = ("depth", "variance")
+LAYERS = ("depth", "variance", "raw_radiance")
 
 
 @pytest.fixture(scope="module")
@@ -54,6 +54,7 @@ def test_the_chunks_are_samples_of_the_path_tracer(picture, device, scene):
             means.append(frame["radiance"].astype(np.float64))
             deviations.append(tracer.read("luminance_deviations").reshape(SIZE[::-1]).astype(np.float64))
         depth = frame["depth"]
+    assert np.array_equal(picture.layers["raw_radiance"], picture.radiance)
     np.testing.assert_allclose(picture.radiance, np.mean(means, axis=0), rtol=1e-6)
     assert np.array_equal(picture.layers["depth"], depth)
     light = np.array(means) @ np.float64([0.2126, 0.7152, 0.0722])
@@ -172,6 +173,7 @@ def test_chunks_out_of_order_are_summed_in_order():
 def test_wrong_options_are_refused(pool, scene):
     for options, words in (
         ({"samples": None}, "give a number of samples"),
+        *(({"samples": None, "target_error": wrong}, "target_error") for wrong in (0, -1, np.nan, np.inf, "small")),
         ({"samples": 0}, "from 1 on"),
         ({"layers": ["nonsense"]}, "chunk 0.*nonsense"),
         ({"max_bounces": -1}, "max_bounces"),

@@ -8,7 +8,7 @@ from support.scenes import quad_corners
 
 import solari_vk as sv
 from solari_vk import rt
-from solari_vk.base.errors import CallbackError, DeviceError
+from solari_vk.base.errors import CallbackError, DeviceError, reworded
 from solari_vk.gpu.acceleration.blas import Blas
 from solari_vk.gpu.acceleration.blas_builds import build_blases
 from solari_vk.gpu.acceleration.geometry import TriangleGeometry
@@ -150,3 +150,13 @@ def test_callbacks_of_a_closed_device_are_dropped(any_device):
         blas.prepare_compaction(lambda: told.append(1))
         device.await_value(device.submitted)
     assert told == []
+
+
+def test_groups_of_errors_get_other_texts_too():
+    """As of a job of a cluster, or of a pass, that fails by a callback."""
+    inside = ValueError("mine")
+    told = reworded(CallbackError("callbacks failed", [inside]), "chunk 3: callbacks failed")
+    assert type(told) is CallbackError
+    assert told.exceptions == (inside,)
+    assert "chunk 3" in str(told)
+    assert str(reworded(DeviceError("lost"), "chunk 3: lost")) == "chunk 3: lost"
