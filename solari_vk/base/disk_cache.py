@@ -10,10 +10,11 @@ import hashlib
 import os
 import stat
 import sys
+from functools import cache
 from pathlib import Path
 
 from solari_vk.base.errors import SolariError, warn
-from solari_vk.base.files import is_trusted_owner, make_folder, open_regular, write_whole
+from solari_vk.base.files import is_trusted_owner, make_folder, open_regular, whole_file
 
 _OFF = ("", "0", "off", "no")
 _MAX_LINKS = 40
@@ -47,41 +48,68 @@ def _trusted_folder(name: str) -> tuple[Path, Path] | None:
     base = folder()
     if base is None:
         return None
-    writable = _writable_by_others((base / name).parent)
-    if writable is None:
+    way_in = _way_in((base / name).parent)
+    if way_in is None:
         return base, (base / name).parent
     _warn_once(
         base,
-        f"compiled shaders and pipelines aren't kept in {base}: other users can write to {writable}: give it to "
-        "yourself with mode 700, or set SOLARI_VK_CACHE to another folder",
+        f"compiled shaders and pipelines aren't kept in {base}: {way_in}: give it to yourself with mode 700, or set "
+        "SOLARI_VK_CACHE to another folder",
     )
     return None
 
 
-def _writable_by_others(path: Path) -> Path | None:
-    """The folder on the way to a folder that other users can write to, or that is another user's; None if none is.
+def _way_in(path: Path) -> str | None:
+    """How other users could put a file into a folder: what is wrong with one on the way to it; None if nothing is.
 
     OpenSSH asks the same of the folders of its keys (StrictModes)."""
     if not hasattr(os, "geteuid"):
         return None
-    ways = [Path(os.path.abspath(path))]
-    for way in ways:
-        for part in (way, *way.parents):
-            try:
-                entry, found = os.lstat(part), os.stat(part)
-            except OSError:
-                continue  # isn't there yet
-            # In a folder such as /tmp, which is sticky, nobody moves what is somebody else's. But anybody adds to it.
-            protects = bool(found.st_mode & stat.S_ISVTX) and part != way
-            is_ours = is_trusted_owner(entry) and is_trusted_owner(found)
-            if not is_ours or (_others_can_write(found) and not protects):
-                return part
-            if stat.S_ISLNK(entry.st_mode):
-                # The way on, which goes through other folders.
-                ways.append(Path(os.path.abspath(part.parent / os.readlink(part) / way.relative_to(part))))
-        if len(ways) > _MAX_LINKS:
-            return way
-    return None
+    # One name after the other, as the system itself follows a path: what a link names takes the link's place.
+    here = Path("/")
+    names = list((Path.cwd() / path).parts[1:])
+    link_count = 0
+    while True:
+        wrong = _fault_of(here, is_last=not names)
+        if wrong or not names:
+            return wrong
+        name = names.pop(0)
+        after = here.parent if name == ".." else here / name
+        if after.is_symlink():
+            link_count += 1
+            owner = os.lstat(after)
+            is_ours = is_trusted_owner(owner) or owner.st_uid == _unknown_user()
+            if link_count > _MAX_LINKS or not is_ours:
+                return f"{after} is a link that can't be trusted"
+            target = here / os.readlink(after)
+            names = [*target.parts[1:], *names]
+            after = Path("/")
+        here = after
+
+
+def _fault_of(folder: Path, *, is_last: bool) -> str | None:
+    try:
+        found = os.stat(folder)
+    except OSError:
+        return None  # isn't there yet
+    is_ours = is_trusted_owner(found) or (not is_last and found.st_uid == _unknown_user())
+    if not is_ours:
+        return f"{folder} is another user's"
+    # In a folder such as /tmp, which is sticky, nobody moves what is somebody else's. But anybody adds to it.
+    is_protected = bool(found.st_mode & stat.S_ISVTX) and not is_last
+    return f"other users can write to {folder}" if _others_can_write(found) and not is_protected else None
+
+
+@cache
+def _unknown_user() -> int | None:
+    """The number that files of users outside of this user namespace have, such as those of the root of a container's
+    host; None outside of a namespace."""
+    try:
+        number = int(Path("/proc/sys/kernel/overflowuid").read_text())
+        known = [list(map(int, line.split())) for line in Path("/proc/self/uid_map").read_text().splitlines()]
+    except (OSError, ValueError):
+        return None
+    return None if any(first <= number < first + count for first, _, count in known) else number
 
 
 def _others_can_write(found: os.stat_result) -> bool:
@@ -90,6 +118,7 @@ def _others_can_write(found: os.stat_result) -> bool:
     return bool(found.st_mode & stat.S_IWGRP) and not _is_own_group(found.st_gid)
 
 
+@cache
 def _is_own_group(number: int) -> bool:
     """Whether a group has this user only, as is usual where 002 is the umask: it is named like the user, and has no
     other members."""
@@ -117,8 +146,9 @@ def load(name: str) -> bytes | None:
     path = found[0] / name
     try:
         with open_regular(path, str(path), follow=False) as file:
-            # Of a time before the folder was this user's.
-            if not is_trusted_owner(os.fstat(file.fileno())):
+            # Of a time before the folder was this user's alone.
+            entry_status = os.fstat(file.fileno())
+            if not is_trusted_owner(entry_status) or _others_can_write(entry_status):
                 return None
             entry = file.read()
     except SolariError:
@@ -136,7 +166,8 @@ def store(name: str, content: bytes) -> None:
     base, parent = found
     try:
         make_folder(parent, mode=0o700)
-        write_whole(base / name, hashlib.sha256(content).digest() + content)
+        with whole_file(base / name, mode=0o600) as temporary:
+            temporary.write_bytes(hashlib.sha256(content).digest() + content)
     except SolariError as error:
         _warn_once(
             base, f"compiled shaders and pipelines can't be kept: {error}, by SOLARI_VK_CACHE, or set it to 'off'"

@@ -39,7 +39,9 @@ def open_regular(path: Path, who: str, *, follow: bool = True) -> Iterator[io.Bu
     `follow`. Raises SolariError for a file that can't be opened or read."""
     # Non-blocking, because opening a pipe without a writer would block. Windows has no such flag, but one for files
     # that aren't text.
-    flags = os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0) | (0 if follow else NO_LINK)
+    flags = os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)
+    if not follow:
+        flags |= NO_LINK
     try:
         with open(os.open(path, flags), "rb") as file:
             if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
@@ -100,18 +102,30 @@ def text_lines(data: bytes, who: str) -> Iterator[tuple[int, str]]:
 
 
 def followed(path: Path) -> Path:
-    """The path to write for one that the user named: where links lead that this user or root has made."""
-    # Anybody can put a link into a folder such as /tmp, which then leads to a file of this user. Linux doesn't follow
-    # such links either (fs.protected_symlinks).
+    """The path to write for one that the user named: where its links lead. Raises SolariError for a link that somebody
+    else put into a folder in which others can write."""
     try:
         for _ in range(_MAX_LINKS):
-            found = os.lstat(path)
-            if not stat.S_ISLNK(found.st_mode) or not is_trusted_owner(found):
+            if not path.is_symlink():
                 break
-            path = path.parent / os.readlink(path)
+            if _is_planted(path):
+                raise SolariError(f"{path}: is a link of another user: remove it, or choose another name")
+            target = path.parent / os.readlink(path)
+            if target.exists() and not target.is_file():
+                break  # a pipe or a device, which the writer refuses by the name that the user knows
+            path = target
     except (OSError, ValueError):
         pass  # There is no such file yet, or no file can have this name, which the writer says.
     return path
+
+
+def _is_planted(link: Path) -> bool:
+    # Anybody can put a link into a folder such as /tmp, which then leads to a file of this user. Linux doesn't follow
+    # such links either (fs.protected_symlinks).
+    found = os.lstat(link)
+    folder = os.stat(link.parent)
+    others_write = bool(folder.st_mode & (stat.S_IWOTH | stat.S_IWGRP))
+    return others_write and not is_trusted_owner(found) and found.st_uid != folder.st_uid
 
 
 def is_trusted_owner(found: os.stat_result) -> bool:
@@ -129,18 +143,19 @@ def read_npy(path: Path, who: str) -> NDArray[Any]:
         header = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
         shape, is_fortran, dtype = header(file)
         # numpy itself would make room for whatever the header names.
-        if dtype.hasobject or math.prod(shape) * dtype.itemsize != len(data) - file.tell():
+        size = math.prod(shape) * dtype.itemsize
+        if dtype.hasobject or dtype.itemsize == 0 or size != len(data) - file.tell():
             raise ValueError("its content has another size than its header says")
-        array = np.frombuffer(data, dtype, offset=file.tell()) if dtype.itemsize else np.empty(shape, dtype)
-        return array.reshape(shape, order="F" if is_fortran else "C").copy()
+        return np.frombuffer(data, dtype, offset=file.tell()).reshape(shape, order="F" if is_fortran else "C").copy()
     except Exception as error:  # numpy raises many types of exceptions for damaged headers
         raise SolariError(f"{who}: can't be read as an array: {quoted(str(error))}: make it anew") from None
 
 
 @contextmanager
-def whole_file(path: Path) -> Iterator[Path]:
+def whole_file(path: Path, mode: int = 0o666) -> Iterator[Path]:
     """A temporary path in the same folder; what is written there replaces what is at `path` when the context ends: a
     file, whose owner and mode the new one gets, or a link, but not what it leads to: for that give `followed(path)`.
+    mode: of a file where none was.
 
     Raises SolariError when writing fails, and leaves the file at `path` as it was.
     """
@@ -148,7 +163,7 @@ def whole_file(path: Path) -> Iterator[Path]:
     temporary = _beside(path)
     try:
         old = _old_file(path)
-        _create(temporary, 0o666 if old is None else 0o600)
+        _create(temporary, mode if old is None else 0o600)
         yield temporary
         if old is not None:
             _keep_mode(temporary, old)
@@ -179,7 +194,7 @@ def write_both(first: tuple[Path, bytes], second: tuple[Path, bytes]) -> None:
             _write_with_backup(second_path, second_content, backup)
             is_replaced = True
     except BaseException:
-        if is_replaced and backup.exists():
+        if is_replaced and os.path.lexists(backup):
             os.replace(backup, second_path)
         else:
             _remove(second_path if is_replaced else backup)
@@ -288,15 +303,20 @@ def _old_file(path: Path) -> os.stat_result | None:
 
 
 def _keep_mode(path: Path, old: os.stat_result) -> None:
-    """Give a file the owner and the mode of the one that it replaces, and nobody more than that."""
+    """Give a file the owner, group and mode of the one that it replaces, and nobody more than that."""
     mode = stat.S_IMODE(old.st_mode) & 0o777
     new = os.stat(path)
-    if (new.st_uid, new.st_gid) != (old.st_uid, old.st_gid):
+    if new.st_gid != old.st_gid:
         try:
-            os.chown(path, old.st_uid, old.st_gid)
+            os.chown(path, -1, old.st_gid)
         except OSError:
             mode &= 0o707  # of another group
-    os.chmod(path, mode)
+    if new.st_uid != old.st_uid:
+        with suppress(OSError):  # only root may
+            os.chown(path, old.st_uid, -1)
+    # Some disks have no modes. The file has a narrower one so far.
+    with suppress(OSError):
+        os.chmod(path, mode)
 
 
 def _create(path: Path, mode: int) -> None:

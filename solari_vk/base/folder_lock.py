@@ -101,6 +101,10 @@ def _take(path: Path, file: int, *, is_new: bool) -> bool:
         if is_new:
             return False
         raise SolariError(f"{path.parent}: {_owner(file)}: wait for it, or give another folder") from None
+    except OSError:  # a disk without locks
+        if is_new and _is_at(path, file):
+            path.unlink()
+        raise
     finally:
         if not is_taken:
             os.close(file)

@@ -9,6 +9,7 @@ from contextlib import nullcontext
 from pathlib import Path
 
 from solari_vk.base.errors import SolariError
+from solari_vk.base.files import followed
 from solari_vk.cli.commands import ANIMATION, SENSOR
 from solari_vk.cli.devices import open_device
 from solari_vk.cli.jobs import ANIMATION_AVERAGE, STILL_FRAMES, STILL_FRAMES_ON_CARDS, MovieJob, StillJob
@@ -205,7 +206,7 @@ class _Shooting:
             set_exposure(self._cameras, self._renderer.auto_exposure(radiance))
         if job.view != "picture":
             codes = self._renderer["display"][..., :3]
-            write_with_fallback(target, lambda path: picture.write_codes(path, codes))
+            write_with_fallback(target, lambda path: picture.write_codes(followed(path), codes))
         else:
             layers = {name: self._means[name] for name in job.aov}
             if job.sensor is not None:

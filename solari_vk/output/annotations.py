@@ -75,9 +75,9 @@ def instance_table(instances: Mapping[int, Instance], labels: Mapping[int, str])
 
 def checked_classes(classes: Any) -> list[str]:
     """A list of classes; raises SolariError for what isn't one, or names a class twice."""
-    if isinstance(classes, str) or not all(isinstance(name, str) and name for name in classes):
+    found: list[Any] = list(classes) if isinstance(classes, Iterable) and not isinstance(classes, str) else [None]
+    if not all(isinstance(name, str) and name for name in found):
         raise SolariError(f"annotations: classes is a list of names, not {quoted(classes)}")
-    found = list(classes)
     if len(set(found)) < len(found):
         raise SolariError(f"annotations: classes names one twice: {', '.join(found)}")
     return found
@@ -92,6 +92,8 @@ def merge_coco(parts: Iterable[Mapping[str, Any]]) -> dict[str, Any]:
     merged: dict[str, Any] = {"images": [], "annotations": [], "categories": []}
     categories: dict[str, dict[str, Any]] = {}
     names: set[str] = set()
+    if not isinstance(parts, Iterable):
+        raise SolariError(f"merge_coco: parts is a list of data sets, not {quoted(parts)}")
     for number, part in enumerate(parts):
         try:
             _add_coco(merged, part, categories, names)

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import errno
 import hashlib
 import os
+import re
 import stat
 import warnings
 
@@ -37,7 +39,7 @@ def test_pipes_and_devices_are_no_files(tmp_path, attempt):
     os.mkfifo(pipe)
     link.symlink_to(pipe)
     for path in (pipe, link):
-        with pytest.raises(SolariError, match=r"pipe.md: is a device or pipe: give the name of a file$"):
+        with pytest.raises(SolariError, match=rf"{path.name}: is a device or pipe: give the name of a file$"):
             attempt(path)
     assert stat.S_ISFIFO(pipe.stat().st_mode)
     assert sorted(os.listdir(tmp_path)) == ["link.md", "pipe.md"]
@@ -114,12 +116,23 @@ def test_links_of_other_users_lead_nowhere(tmp_path):
     victim.write_text("precious")
     link.symlink_to(victim)
     os.lchown(link, STRANGER, STRANGER)
+    tmp_path.chmod(0o1777)  # as /tmp
+    with pytest.raises(SolariError, match=r"picture\.png: is a link of another user: remove it"):
+        sv.save_image(link, np.zeros((2, 2, 3)))
+    assert (link.is_symlink(), victim.read_text()) == (True, "precious")
+    tmp_path.chmod(0o755)  # where only this user can have made it, as root for somebody
     sv.save_image(link, np.zeros((2, 2, 3)))
-    assert (link.is_symlink(), victim.read_text()) == (False, "precious")
+    assert link.is_symlink()
+    assert victim.read_bytes()[1:4] == b"PNG"
 
 
-def test_a_new_file_has_no_more_readers_than_the_old_one(tmp_path):
+def refuse():
+    raise PermissionError(errno.EPERM, "not permitted")
+
+
+def test_a_new_file_has_no_more_readers_than_the_old_one(tmp_path, monkeypatch):
     """Whoever writes: the package, or a library to the name that it is given."""
+    chown = os.chown
     black = np.zeros((2, 2, 3), np.float32)
     for name in ("a.png", "a.npy", "a.npz", "a.exr"):
         path = tmp_path / name
@@ -132,6 +145,14 @@ def test_a_new_file_has_no_more_readers_than_the_old_one(tmp_path):
         os.chown(path, STRANGER, STRANGER)
         sv.save_image(path, black)
         assert (path.stat().st_uid, path.stat().st_gid) == (STRANGER, STRANGER)
+        path.chmod(0o664)
+        # Members of a group may give files to it, and only root to another user.
+        monkeypatch.setattr(os, "chown", lambda path, user, group: chown(path, user, group) if user == -1 else refuse())
+        sv.save_image(path, black)
+        assert (path.stat().st_uid, path.stat().st_gid) == (os.geteuid(), STRANGER)
+        assert stat.S_IMODE(path.stat().st_mode) == 0o664
+    monkeypatch.setattr(os, "chmod", lambda *_: refuse())  # as on a disk without modes
+    sv.save_image(path, black)
 
 
 def test_a_file_that_is_read_only_stays(tmp_path, monkeypatch):
@@ -159,7 +180,8 @@ def entry_is_trusted(folder, monkeypatch):
     with warnings.catch_warnings(record=True) as noted:
         warnings.simplefilter("always")
         found = [disk_cache.load("entry") for _ in range(2)]
-    assert [str(warning.message) for warning in noted if "other users can write" not in str(warning.message)] == []
+    for warning in noted:
+        assert re.search("other users can write|is another user's|can't be trusted", str(warning.message))
     assert (len(noted), *found) in ((1, None, None), (0, b"mine", b"mine"), (0, None, None))
     return found[0] is not None
 
@@ -177,6 +199,8 @@ DOORS = {
     "a group, one above": lambda parent, cache: give_group(parent),
     "the owner": lambda parent, cache: os.chown(cache, STRANGER, -1),
     "the owner of what is above": lambda parent, cache: os.chown(parent, STRANGER, -1),
+    "all, of an entry": lambda parent, cache: (cache / "entry").chmod(0o666),
+    "a group, of an entry": lambda parent, cache: give_group(cache / "entry"),
     "the owner of an entry": lambda parent, cache: os.chown(cache / "entry", STRANGER, -1),
 }
 
@@ -210,6 +234,7 @@ def test_a_new_cache_is_its_user_s_alone(tmp_path, monkeypatch):
         os.umask(before)
     assert disk_cache.load("c/entry") == b"mine"
     assert {stat.S_IMODE((tmp_path / name).stat().st_mode) for name in ("a", "a/b", "a/b/c")} == {0o700}
+    assert stat.S_IMODE((tmp_path / "a/b/c/entry").stat().st_mode) == 0o600
     os.rename(tmp_path / "a/b/c/entry", tmp_path / "moved")
     (tmp_path / "a/b/c/entry").symlink_to(tmp_path / "moved")
     assert disk_cache.load("c/entry") is None

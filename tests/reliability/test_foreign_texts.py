@@ -131,16 +131,17 @@ def test_what_never_ends_is_not_read(tmp_path, kind):
 
 
 @pytest.mark.parametrize(
-    "header",
+    ("header", "size"),
     [
-        "{'descr': '<f4', 'fortran_order': False, 'shape': (1099511627776,), }",
-        "{'descr': '|O', 'fortran_order': False, 'shape': (), }",
-        "{",
+        ("{'descr': '<f4', 'fortran_order': False, 'shape': (1099511627776,), }", 8),
+        ("{'descr': '<U0', 'fortran_order': False, 'shape': (1099511627776,), }", 0),
+        ("{'descr': '|O', 'fortran_order': False, 'shape': (), }", 8),
+        ("{", 8),
     ],
 )
-def test_arrays_take_what_they_hold(tmp_path, header):
+def test_arrays_take_what_they_hold(tmp_path, header, size):
     (tmp_path / "a.npy").write_bytes(
-        b"\x93NUMPY\x01\x00" + len(header).to_bytes(2, "little") + header.encode() + bytes(8)
+        b"\x93NUMPY\x01\x00" + len(header).to_bytes(2, "little") + header.encode() + bytes(size)
     )
     with pytest.raises(sv.SolariError, match=r"a\.npy: can't be read as an array"):
         sv.Views.__dict__["_read"](None, tmp_path / "a.npy")

@@ -135,7 +135,9 @@ def test_classes_have_one_number_in_all_scenes():
     for wrong, words in (
         (lambda: sv.Annotations({0: "cup"}, classes=classes), "classes lack the label 'cup'"),
         (lambda: sv.Annotations({}, classes=["a", "a"]), "names one twice"),
+        (lambda: sv.Annotations({}, classes=5), "classes is a list of names"),
         (lambda: sv.merge_coco([own[0], own[0]]), "two pictures are called 'a.png'"),
+        (lambda: sv.merge_coco(5), "parts is a list of data sets"),
         (lambda: sv.merge_coco([{"images": []}]), "part 0 isn't in COCO's format"),
     ):
         with pytest.raises(sv.SolariError, match=words):

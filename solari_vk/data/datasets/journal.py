@@ -101,8 +101,11 @@ class Journal:
             raise cannot_be("written", self._path, error) from None
 
     def remove(self, tasks: Sequence[RenderTask]) -> None:
-        """Remove the tasks' files and the journal, which is of no use then; the lock stays until the object is gone."""
-        for name in (*(name for task in tasks for name in task.files), self._path.name):
+        """Remove the files of tasks, those in the journal of an earlier and longer run, and the journal, which is of
+        no use then; the lock stays until the object is gone."""
+        names = {name for task in tasks for name in task.files}
+        names.update(name for files in self._files.values() for name in files)
+        for name in (*names, self._path.name):
             with suppress(OSError):
                 (self.folder / name).unlink()
 

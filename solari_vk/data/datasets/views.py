@@ -39,10 +39,11 @@ class Views(Hints):
 
     views[n] is a sample: a dict of "rgb" (height, width, 3), float32, sRGB from 0 to 1, of .npy files radiance in
     cd/m^2, and of the other layers by name. `torch.utils.data.DataLoader(Views(folder), batch_size=8)` gives tensors.
-    names: what samples have, by default "rgb" and all layers but silhouettes, keypoints and optical flow; of data sets
-    with `--annotations coco` also "boxes" (N, 4), left, top, right and bottom in pixels, "labels" (N,), the categories,
-    and "masks" (N, height, width) of the N things in a view, as detectors of torchvision take them. Raises SolariError
-    for a folder that isn't a data set, for an unknown name, and for files that can't be read.
+    Ids are int32, -1 where there is nothing. names: what samples have, by default "rgb" and all layers but silhouettes,
+    keypoints and optical flow. Data sets with `--annotations coco` also have, if named, "boxes" (N, 4), left, top,
+    right and bottom in pixels, "labels" (N,), the categories, and "masks" (N, height, width) of the N things in a view,
+    as detectors of torchvision take them. Raises SolariError for a folder that isn't a data set, for an unknown name,
+    and for files that can't be read.
     """
 
     def __init__(self, folder: str | os.PathLike[str], names: Sequence[str] | None = None) -> None:
@@ -58,13 +59,13 @@ class Views(Hints):
             # Here, so that no sample fails later for what is wrong in this file.
             self._paths = [self._checked({"rgb": frame["file_path"], **frame["layer_paths"]}) for frame in self._frames]
             suffix = Path(self._frames[0]["file_path"]).suffix
-        except (KeyError, TypeError, ValueError, IndexError, AttributeError) as error:
+        except (KeyError, TypeError, ValueError, IndexError, AttributeError, OverflowError) as error:
             raise SolariError(f"{path}: isn't one that `solari-vk dataset` wrote: {error!r}") from None
         if suffix not in PICTURES:
             raise SolariError(f"{path}: its pictures are {suffix} files: Views reads {', '.join(PICTURES)}")
         self.names = tuple(name for name in self._known if name not in TRACED) if names is None else tuple(names)
         """What samples have."""
-        self._coco: dict[str, list[dict[str, Any]]] = {}
+        self._coco: dict[str, list[dict[str, Any]]] | None = None
         if (self.folder / COCO).exists():
             self._known += OF_COCO
             if not set(OF_COCO).isdisjoint(self.names):
@@ -82,9 +83,9 @@ class Views(Hints):
         # The list's own IndexError ends `for` loops over views, as Python's sequences do.
         paths = self._paths[operator.index(number)]
         read = {name: self._read(self.folder / paths[name]) for name in self.names if name not in OF_COCO}
-        if self._coco:
+        if self._coco is not None:
             with load_budget():
-                read |= self._things(paths["rgb"])
+                read |= self._things(paths["rgb"], self._coco)
         return Sample({name: read[name] for name in self.names})
 
     def _read_coco(self) -> dict[str, list[dict[str, Any]]]:
@@ -100,10 +101,10 @@ class Views(Hints):
             raise SolariError(f"{path}: isn't one that `solari-vk dataset` wrote: {error!r}") from None
         return found
 
-    def _things(self, file_name: str) -> dict[str, NDArray[Any]]:
+    def _things(self, file_name: str, coco: dict[str, list[dict[str, Any]]]) -> dict[str, NDArray[Any]]:
         width, height = self.size
         try:
-            found = self._coco[file_name]
+            found = coco[file_name]
             boxes = np.array([one["bbox"] for one in found], np.float32).reshape(-1, 4)
             charge(len(found) * width * height, str(self.folder / COCO), "the masks of a view")
             masks = np.zeros((len(found), width, height), np.bool_)
@@ -114,7 +115,7 @@ class Views(Hints):
                     raise ValueError("a mask of another size")
                 mask.ravel()[:] = np.repeat(np.arange(len(runs)) % 2 == 1, runs)
             labels = np.array([one["category_id"] for one in found], np.int64)
-        except (KeyError, TypeError, ValueError) as error:
+        except (KeyError, TypeError, ValueError, OverflowError) as error:
             raise SolariError(f"{self.folder / COCO}: lacks what {file_name} shows: {error!r}") from None
         boxes[:, 2:] += boxes[:, :2]
         return dict(zip(OF_COCO, (boxes, labels, masks.swapaxes(1, 2)), strict=True))
@@ -130,7 +131,9 @@ class Views(Hints):
         # Codes of 8 bits become 0 to 1; their alpha, which pictures of a data set don't use, is left out.
         if file.suffix != ".npy":
             return (read_pixels(file)[..., :3] / np.float32(255)).astype(np.float32)
-        return read_npy(file, f"{file}")
+        read = read_npy(file, f"{file}")
+        # PyTorch compares no unsigned ids. NO_INSTANCE becomes -1.
+        return read.view(np.int32) if read.dtype == np.uint32 else read
 
     def objects(self, number: int) -> list[dict[str, Any]]:
         """The boxes in space of a view, as `--annotations objects` writes them."""

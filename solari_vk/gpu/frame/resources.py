@@ -178,9 +178,10 @@ def _binding(stage: Stage, interface: Interface, *names: str) -> Binding:
 
 
 def _image_size(stage: Stage, name: str, size: Any) -> tuple[int, int]:
-    if not (isinstance(size, tuple) and len(size) == 2 and all(isinstance(n, int) and n >= 1 for n in size)):
+    if not (isinstance(size, tuple) and len(size) == 2 and all(isinstance(n, Integral) and int(n) >= 1 for n in size)):
         raise SolariError(f"stage {stage.name}: the size of {name} is (width, height), not {quoted(size)}")
-    return size
+    width, height = size
+    return int(width), int(height)
 
 
 def _buffer_bytes(stage: Stage, binding: Binding, count: Any) -> int:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from numbers import Integral
 from typing import TYPE_CHECKING
 
 from solari_vk.base.errors import SolariError, quoted
@@ -64,7 +65,7 @@ class Pass:
     def __post_init__(self) -> None:
         if (self.threads is None) == (self.indirect is None):
             raise SolariError(f"pass {self.name}: give either threads or indirect")
-        if not isinstance(self.indirect_offset, int) or self.indirect_offset < 0 or self.indirect_offset % 4:
+        if not isinstance(self.indirect_offset, Integral) or self.indirect_offset < 0 or self.indirect_offset % 4:
             given = quoted(self.indirect_offset)
             raise SolariError(
                 f"pass {self.name}: indirect_offset is a whole number of bytes, a multiple of 4, not {given}"

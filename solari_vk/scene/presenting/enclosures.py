@@ -106,16 +106,17 @@ def find_room(instances: list[Instance], points: Floats) -> Room | None:
 
 
 def closed_place(instances: list[Instance], points: Floats) -> Room | None:
-    """A place at which instances enclose a viewer on all sides, whichever side of them he sees; None if there is none.
+    """A place at which instances enclose a viewer on all sides, from whichever side they are seen; None without one.
 
     Places are those of `find_room`."""
     low, high = points.min(axis=0), points.max(axis=0)
     triangles = largest_triangles(instances)
+    few = _directions(FEW_DIRECTIONS)
+    all_around = _directions(DIRECTION_COUNT)
     for share, height in PLACES:
         place = low + np.array(share) * (high - low)
         if height is not None:
             place[1] = low[1] + height
-        few, all_around = _directions(FEW_DIRECTIONS), _directions(DIRECTION_COUNT)
         if not np.isfinite(trace(place, few, triangles).distance).all():
             continue
         if np.isfinite(trace(place, all_around, triangles).distance).mean() >= CLOSED_SHARE:

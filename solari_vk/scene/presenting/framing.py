@@ -174,7 +174,10 @@ def _inside(center: Floats, triangles: Floats) -> Camera:
     free = np.minimum(free, ends.min(axis=1))
     ahead = int(np.argmax(free + np.roll(free, -24)))  # the opposite direction is half a turn away
     opposite = (ahead + 24) % 48
-    if (leaves[opposite], -free[opposite]) < (leaves[ahead], -free[ahead]):
+    # Towards the wall rather than the opening, else along the longer way.
+    is_closed_there = leaves[ahead] and not leaves[opposite]
+    is_longer_there = leaves[ahead] == leaves[opposite] and free[opposite] > free[ahead]
+    if is_closed_there or is_longer_there:
         ahead = opposite
     behind = free[(ahead + 24) % 48]
     # Not at the wall itself, which would be cut by the near plane.

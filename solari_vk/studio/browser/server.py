@@ -177,9 +177,9 @@ class Server:
 
     async def _live(self, request: web.Request) -> web.WebSocketResponse:
         """A page's socket: it says {"session", "state", "width"}, then sends messages and gets frames."""
-        # JPEG and PNG are compressed already. The heartbeat finds pages whose machine was switched off.
         if len(self._sockets) >= MOST_SOCKETS:
             raise web.HTTPServiceUnavailable(text="too many connections are open")
+        # JPEG and PNG are compressed already. The heartbeat finds pages whose machine was switched off.
         line = web.WebSocketResponse(heartbeat=HEARTBEAT, max_msg_size=LARGEST_MESSAGE, compress=False)
         try:
             await line.prepare(request)

@@ -1,7 +1,5 @@
 """Random data sets with labels in space: a picture alone is the same picture, and its labels are of its own scene."""
 
-from __future__ import annotations
-
 import json
 
 import numpy as np
@@ -11,6 +9,7 @@ from PIL import Image
 import solari_vk as sv
 from solari_vk.cli import main
 from solari_vk.data.annotate.keypoints import find_keypoints
+from solari_vk.data.cli import annotations
 from solari_vk.data.datasets.dataset import cameras_for
 
 RECIPE = """
@@ -186,6 +185,13 @@ def test_views_are_a_data_set_of_pytorch(views, recipe):
             assert np.array_equal(mask, thing["instance_id"] == row["instance_id"])
             y, x = np.nonzero(mask)
             assert (left, top, right, bottom) == (x.min(), y.min(), x.max() + 1, y.max() + 1)
+    assert named[0]["instance_id"].dtype == np.int32
+    assert named[0]["instance_id"].min() == -1
+    far = coco["annotations"][0] | {"bbox": [10**400, 0, 1, 1], "image_id": 1}
+    for broken in ({"images": [], "annotations": []}, {"annotations": [far]}):
+        (views / "annotations.json").write_text(json.dumps(coco | broken))
+        with pytest.raises(sv.SolariError, match="lacks what"):
+            sv.Views(views, ["boxes"])[0]
     data = pytest.importorskip("torch.utils.data")
     batches = list(data.DataLoader(sv.Views(views, ["rgb", "depth"]), batch_size=2))
     assert [tuple(batch["rgb"].shape) for batch in batches] == [(2, 32, 40, 3), (2, 32, 40, 3), (1, 32, 40, 3)]
@@ -245,8 +251,8 @@ def test_wrong_keypoints(recipe, tmp_path, capsys, any_device):
 
 def test_ids_are_read_once(recipe, views, monkeypatch):
     counted = []
-    load = np.load
-    monkeypatch.setattr(np, "load", lambda path, *more: counted.append(str(path)) or load(path, *more))
+    read = annotations.read_npy
+    monkeypatch.setattr(annotations, "read_npy", lambda path, who: counted.append(str(path)) or read(path, who))
     run(recipe, views, "--views", 5, *ALL)
     ids = [path for path in counted if "instance_id" in path]
     assert len(ids) == len(set(ids)) == 5
