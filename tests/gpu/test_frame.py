@@ -509,6 +509,10 @@ def test_a_shader_that_writes_behind_a_small_buffer_harms_nothing(shaders, robus
             frame.submit()
             assert (frame["b"].view(np.uint32) == np.arange(4096)).all()
             assert [step.pipeline.addresses for step in frame._program.steps] == [()]
+        if robust:
+            device.features -= {"pipelineRobustness"}
+            with pytest.raises(SolariError, match="robust=True needs VK_EXT_pipeline_robustness"):
+                Frame(device, [stage], glsl_root=shaders.root, robust=True)
 
 
 def test_a_buffer_is_no_smaller_than_the_shader_s_block(device, shaders):

@@ -153,14 +153,15 @@ class Pipelines:
             create = device.vk.vkCreateRayTracingPipelinesKHR
             before = (device.handle, raw.NULL)  # no deferred operation
         out = raw.ffi.new("VkPipeline*")
-        robustness = _robustness()
+        chain = [info]
         if item.robust and "pipelineRobustness" in device.features:
+            robustness = _robustness()
             robustness.pNext = info.pNext
             info.pNext = raw.ffi.cast("void*", robustness)
+            chain.append(robustness)  # kept until the call, because `info` has its address alone
 
         def run() -> raw.CData:
-            assert robustness  # which `info` names by its address
-            create(*before, cache, 1, info, raw.NULL, out)
+            create(*before, cache, 1, chain[0], raw.NULL, out)
             return out[0]
 
         return run

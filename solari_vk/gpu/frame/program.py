@@ -169,6 +169,10 @@ class ProgramBuilder:
     """Builds programs; each reuses what didn't change since the previous one."""
 
     def __init__(self, device: Device, glsl_root: Roots | None, robust: bool | None) -> None:
+        if robust and "pipelineRobustness" not in device.features:
+            raise SolariError(
+                f"Frame: robust=True needs VK_EXT_pipeline_robustness, which {device.name} lacks: leave it out"
+            )
         self._device = device
         self._root = glsl_root
         self._robust = robust
