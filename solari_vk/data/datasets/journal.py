@@ -31,6 +31,7 @@ from solari_vk.renderers.cluster.device_session import OneDevice, pack
 from solari_vk.renderers.cluster.worker_pool import TICK_SECONDS, WorkerPool
 from solari_vk.scene.model import Camera, Scene
 
+_APPENDING = os.O_WRONLY | os.O_APPEND | os.O_CREAT | NO_LINK | getattr(os, "O_BINARY", 0)
 LATE_SECONDS = 60.0  # for which NFS, as it is set up by default, may not show a new file to another machine
 
 
@@ -95,7 +96,7 @@ class Journal:
     @contextmanager
     def _opened(self) -> Iterator[BinaryIO]:
         try:
-            with open(os.open(self._path, os.O_WRONLY | os.O_APPEND | os.O_CREAT | NO_LINK, 0o666), "ab") as file:
+            with open(os.open(self._path, _APPENDING, 0o666), "ab") as file:
                 yield file
         except OSError as error:
             raise cannot_be("written", self._path, error) from None
