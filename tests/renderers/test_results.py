@@ -222,11 +222,12 @@ def test_notebooks_show_what_is_saved(renderer, tmp_path):
     for view in ("picture", "shading_normal") if isinstance(renderer, sv.Renderer) else ("picture",):
         renderer.view = view
         frame = render(renderer)
-        frame.save(tmp_path / "shown.png", "depth")
-        np.testing.assert_array_equal(np.load(tmp_path / "shown.depth.npy"), frame["depth"])
-        assert frame._repr_png_() == (tmp_path / "shown.png").read_bytes()
+        path = tmp_path / f"{view}.png"
+        frame.save(path, "depth")
+        np.testing.assert_array_equal(np.load(tmp_path / f"{view}.depth.npy"), frame["depth"])
+        assert frame._repr_png_() == path.read_bytes()
         if view == "shading_normal":
-            np.testing.assert_array_equal(np.asarray(Image.open(tmp_path / "shown.png")), frame["display"][..., :3])
+            np.testing.assert_array_equal(np.asarray(Image.open(path)), frame["display"][..., :3])
 
 
 def test_pictures_in_which_nothing_is_seen_are_told_of(device, tmp_path):
