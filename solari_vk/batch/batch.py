@@ -231,7 +231,9 @@ class Batch(BatchResults):
         for view in range(1 if self.binder.has_many_scenes else min(self.views, VIEWS_LOOKED_AT)):
             camera = view_cameras.camera_of(cameras, read, view)
             if camera is not None:
-                self._back_sides.look(scene, camera, self.size)
+                # What the device refuses meanwhile is said by the next call, as in `_render`.
+                with self.binder.tensors.putting_off():
+                    self._back_sides.look(scene, camera, self.size)
 
     def _render(
         self,

@@ -427,7 +427,7 @@ def test_what_the_device_refuses_meanwhile_is_said_by_the_next_call(three, monke
         three.render(POSES)
     for cameras in (sv.Camera(auto_exposure=True), [sv.Camera(auto_exposure=True)]):
         with pytest.raises(sv.SolariError, match="set auto_exposure to False"):
-            check_realtime(cameras)
+            check_realtime(cameras, "Batch.render")
 
 
 def test_wrong_options_are_named(device, binder, three):

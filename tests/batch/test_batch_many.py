@@ -9,6 +9,7 @@ import pytest
 
 import solari_vk as sv
 from solari_vk.gpu.frame.slot import Slot
+from solari_vk.renderers.back_sides import BackSides
 from solari_vk.settings import Settings
 
 SIZE = (13, 9)
@@ -43,6 +44,7 @@ def submissions(device, monkeypatch):
         return submit(queue, count, infos, fence)
 
     monkeypatch.setattr(device.vk, "vkQueueSubmit2", counted)
+    monkeypatch.setattr(BackSides, "rests", True)  # whose looks have submissions of their own
     return counts
 
 
