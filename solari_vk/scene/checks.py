@@ -303,8 +303,8 @@ def affine_transform(value: ArrayLike) -> NDArray[np.float64]:
 
 
 def placing_transform(value: ArrayLike) -> NDArray[np.float64]:
-    """The same for surfaces, which it may flatten: they get a thickness of a millionth, since rays and normals need an
-    inverse."""
+    """The same for surfaces, which it may flatten: they get a thickness of a ten-thousandth, since rays and normals
+    need an inverse."""
     matrix = _affine(value)
     if not _is_invertible(matrix):
         matrix = thickened(matrix)

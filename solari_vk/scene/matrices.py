@@ -69,13 +69,13 @@ def euler(x: float = 0.0, y: float = 0.0, z: float = 0.0) -> NDArray[np.float64]
     return np.array((i * b * c - a * j * k, a * j * c + i * b * k, a * b * k - i * j * c, a * b * c + i * j * k))
 
 
-_THICKNESS = 1e-6  # of what a matrix flattens, over the size of what is left
+_THICKNESS = 1e-4  # of what a matrix flattens, over the size of what is left
 
 
 @np.errstate(over="ignore", invalid="ignore")
 def thickened(matrices: NDArray[Any]) -> NDArray[np.float64]:
-    """Matrices (..., 4, 4), of which those that flatten all things to a plane leave them a thickness of a millionth, so
-    that they have an inverse and don't mirror. Those that leave a line or a point stay."""
+    """Matrices (..., 4, 4), of which those that flatten all things to a plane leave them a thickness of a
+    ten-thousandth, so that they have an inverse and don't mirror. Those that leave a line or a point stay."""
     found = np.array(matrices, np.float64)
     x, y, z = np.moveaxis(found[..., :3, :3], -1, 0)
     # The matrix of cofactors of a matrix of rank 2 is the product of the two directions that the matrix loses, one of

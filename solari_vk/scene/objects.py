@@ -190,9 +190,9 @@ class Instance(Checked, Scaled):
     """A mesh with a material at a place in the world.
 
     transform is the matrix from object to world space, (4, 4) or (3, 4); it may mirror, shear and scale. What it
-    flattens, as by a scale of 0 along one axis, gets a thickness of a millionth. A vector (3,) stands for a position in
-    meters. It is read-only: to move an instance, assign a new one, such as `move @ instance.transform`, or to
-    `position`, `rotation` or `scale`, its parts, which the constructor takes too. ray_mesh: a simpler mesh that rays
+    flattens, as by a scale of 0 along one axis, gets a thickness of a ten-thousandth. A vector (3,) stands for a
+    position in meters. It is read-only: to move an instance, assign a new one, such as `move @ instance.transform`, or
+    to `position`, `rotation` or `scale`, its parts, which the constructor takes too. ray_mesh: a simpler mesh that rays
     hit instead of `mesh`, which realtime frames show by raster. An instance that isn't visible neither blocks nor emits
     light. joint_matrices (J, 3, 4) or (J, 4, 4) and morph_weights (T,) are its pose, if the mesh has a `deformation`:
     what the joints do to the mesh, up to `transform`, and how much of each morph target is added. label: a semantic

@@ -122,8 +122,8 @@ def test_what_is_scaled_to_nothing_along_an_axis_is_flat(writer):
         assert one.visible
         points = transform_points(one.transform, one.mesh.positions)
         skew = np.outer(one.mesh.positions[:, 2], (0.5, 0.25)) if one is shown[2] else 0
-        np.testing.assert_allclose(points[:, :2], one.mesh.positions[:, :2] + skew, atol=1e-5)
-        np.testing.assert_allclose(points[:, 2], 0, atol=1e-5)
+        np.testing.assert_allclose(points[:, :2], one.mesh.positions[:, :2] + skew, atol=1e-3)
+        np.testing.assert_allclose(points[:, 2], 0, atol=1e-3)
         assert np.linalg.det(one.transform) > 0, "rays and normals need an inverse"
     one.scale = 1
     np.testing.assert_allclose(one.transform, np.eye(4), atol=1e-9)

@@ -35,14 +35,14 @@ struct Axes {
     precise dvec3 x, y, z, origin;
 };
 
-// Leaves what a matrix flattens a thickness of a millionth, as `thickened` of solari_vk/scene/matrices.py does.
+// Leaves what a matrix flattens a thickness of a ten-thousandth, as `thickened` of solari_vk/scene/matrices.py does.
 void thicken(inout dvec3 columns[4]) {
     dvec3 x = columns[0], y = columns[1], z = columns[2];
     dvec3 cofactors[3] = dvec3[](cross(y, z), cross(z, x), cross(x, y));
     if (abs(dot(x, cofactors[0])) > 1e-9LF * sqrt(dot(x, x) * dot(y, y) * dot(z, z))) { return; }
     double area = sqrt(dot(cofactors[0], cofactors[0]) + dot(cofactors[1], cofactors[1])
         + dot(cofactors[2], cofactors[2]));
-    double factor = area > 0.0LF ? 1e-6LF / sqrt(area) : 0.0LF;
+    double factor = area > 0.0LF ? 1e-4LF / sqrt(area) : 0.0LF;
     for (uint i = 0u; i < 3u; i++) { columns[i] += factor * cofactors[i]; }
 }
 
