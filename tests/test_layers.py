@@ -66,7 +66,15 @@ LONGEST_TEST = 550
 MACHINE_PATH = re.compile(r"(?<![\w.)}\]])/(?:home|root|Users|work|mnt|tmp)/\w")
 URL = re.compile(r"\b(?:https?|ssh|git|ftp)://([^\s/\"'>)]+)")
 OF_NO_MACHINE = re.compile(r"\bexample\.(?:org|com)$|^127\.0\.0\.1\b|^localhost\b")
-PUBLIC_HOSTS = {"github.com", "registry.khronos.org", "jms55.github.io", "doi.org", "jcgt.org", "arxiv.org"}
+PUBLIC_HOSTS = {
+    "github.com",
+    "git-lfs.github.com",
+    "registry.khronos.org",
+    "jms55.github.io",
+    "doi.org",
+    "jcgt.org",
+    "arxiv.org",
+}
 
 
 SIZE = runpy.run_path(str(ROOT / "tools" / "size.py"))

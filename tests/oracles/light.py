@@ -100,6 +100,7 @@ def floor_scene(material, *extra):
 def lamp_above(corners=LAMP_CORNERS, brightness=1.0):
     """A lamp with these corners that emits LAMP_RADIANCE times `brightness`."""
     material = sv.Material(base_color=rgb(0), reflectance=rgb(0), emissive=rgb(LAMP_RADIANCE * brightness))
+    material.double_sided = False  # the camera looks past it from above
     return sv.Instance(mesh=shapes.polygons(corners), material=material, name="lamp")
 
 

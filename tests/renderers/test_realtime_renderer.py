@@ -212,7 +212,7 @@ def test_uniforms_are_written_after_an_error(renderer, scene, monkeypatch):
     renderer.settings.jitter = False
     depth = renderer.render(scene.camera)["gbuffer_depth"]
     with monkeypatch.context() as patch:
-        patch.setattr(sv.SceneFrame, "submit_applied", lambda _: 1 / 0)
+        patch.setattr(sv.SceneFrame, "submit_applied", lambda *_: 1 / 0)
         for _ in range(2):
             with pytest.raises(ZeroDivisionError):
                 renderer.render(sv.Camera(transform=scene.camera.transform, near=7.0))

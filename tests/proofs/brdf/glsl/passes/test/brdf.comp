@@ -28,7 +28,10 @@ layout(set = 1, scalar) readonly buffer IncomingBlock { vec3 at[]; } incoming;
 layout(set = 1, scalar) buffer ResultsBlock { vec3 at[]; } results;  // rows of RESULT_COUNT
 
 ResolvedMaterial resolve(TestMaterial m) {
-    TexturePoint nowhere = TexturePoint(vec2(0.0), vec2(0.0), 0.0, 0.0);
+    TexturePoint nowhere;  // the materials have no textures
+    nowhere.uv = vec2(0.0);
+    nowhere.footprint_lod = 0.0;
+    nowhere.surface_lod = 0.0;
     ResolvedMaterial material = resolve_material(m.material, vec3(1.0), nowhere, m.inside == 0u);
     material.coat.normal = m.coat_normal;
     material.base.anisotropy_direction = m.anisotropy_direction;
