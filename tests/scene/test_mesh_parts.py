@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import struct
+import sys
 
 import numpy as np
 import pytest
@@ -50,7 +51,6 @@ def polygons(kind, outlines):
 @pytest.mark.parametrize("kind", ["obj", "ply", "binary.ply"])
 def test_polygons_are_covered_and_no_more(tmp_path, kind):
     """From every first corner, by themselves and with others: areas are those of the shoelace formula."""
-    pytest.importorskip("mapbox_earcut")
     path = tmp_path / f"a.{kind}"
     lone = [[np.roll(outline, first, axis=0)] for outline in OUTLINES.values() for first in range(len(outline))]
     for outlines in (*lone, [*OUTLINES.values()]):
@@ -94,7 +94,13 @@ def test_textures_of_ply(tmp_path):
     # The corner at the seam has other uvs on each side, and the surface bends nowhere.
     assert [one.mesh.uvs[one.mesh.triangles[0, 0]].tolist() for one in scene] == [[0, 1], [0.5, 1]]
     scene = ply(tmp_path, comments, "", [""] * 4, "property list uchar float texcoord\n", SEAM.format("", ""))
-    assert len(scene.instances[0].mesh.positions) == 6 - 1, "only one corner has the same uv twice"
+    (one,) = scene
+    assert one.material.base_color_texture.image.pixels[0, 0, 0] == 255
+    assert len(one.mesh.positions) == 6 - 1, "only one corner has the same uv twice"
+    assert scene.warnings == ["textures are left out, since no 'texnumber' says which faces have them: b l.png"]
+    scene = ply(tmp_path, comments, "", [""] * 4, given, SEAM.format(" -1", " 1"))
+    assert [one.material.base_color_texture is None for one in scene] == [False, True]
+    assert scene.warnings == ["faces whose 'texnumber' is that of no texture are gray: 1 triangles"]
     scene = ply(tmp_path, comments, "property float quality\n", [" 1"] * 4, "", "4 0 1 2 3\n")
     assert scene.warnings == [
         "properties that are ignored: quality of vertex",
@@ -145,9 +151,81 @@ def test_line_ends_and_byte_order_marks(tmp_path, end, mark):
         assert len(one.mesh.triangles) == 1
     # After a binary header that ends with CR, data may begin with LF.
     text = HEAD.format("binary_little_endian", "", 3) + f"element face 1\n{LISTS}end_header\n"
-    data = struct.pack("<9fB3i", 10e-45, -1, 0, 1, -1, 0, 1, 1, 0, 3, 0, 1, 2).replace(b"\x07", b"\x0a", 1)
-    (tmp_path / "a.ply").write_bytes(text.replace("\n", end).encode() + data + b"\r\n")
+    number_with_a_line_end = struct.unpack("<f", b"\n\0\0\0")[0]
+    data = struct.pack("<9fB3i", number_with_a_line_end, -1, 0, 1, -1, 0, 1, 1, 0, 3, 0, 1, 2)
+    (tmp_path / "a.ply").write_bytes(mark + text.replace("\n", end).encode() + data + b"\r\n")
     assert len(sv.load(tmp_path / "a.ply").instances[0].mesh.triangles) == 1
     (tmp_path / "a.ply").write_bytes(text.replace("\n", end).encode() + data[:-1])
     with pytest.raises(SolariError, match=r"a\.ply: is cut off"):
+        sv.load(tmp_path / "a.ply")
+
+
+@pytest.mark.parametrize(
+    "faces",
+    ["f 1 2 \\\n3 4", "  f 1 2 3 4", "\tf 1 2 3 4 # red", "# C:\\parts\\\nf 1 2 3 4", "f 1/1 2/1 3/1 \\ \n 4/1#"],
+)
+def test_lines_of_obj_may_be_continued_indented_and_commented(tmp_path, faces):
+    corners = "".join(f"v {corner}\n" for corner in CORNERS)
+    (tmp_path / "a.obj").write_text(f"{corners}vt 0 0\n{faces}\n")
+    (one,) = sv.load(tmp_path / "a.obj")
+    assert area_and_normal(one.mesh)[0] == 4
+
+
+@pytest.mark.parametrize("corner", ["9" * 23, "-" + "9" * 23, "-" + "9" * 5000, "1.5", "/1", "x"])
+def test_numbers_of_corners_that_are_none(tmp_path, corner):
+    corners = "".join(f"v {corner}\n" for corner in CORNERS)
+    for face in (f"f {corner} 1 2", f"f 1 2 3 {corner}"):
+        (tmp_path / "a.obj").write_text(f"{corners}{face}\n")
+        with pytest.raises(SolariError, match=r"a\.obj"):
+            sv.load(tmp_path / "a.obj")
+
+
+def test_lines_of_obj_are_warned_of_and_faces_without_area_refused(tmp_path):
+    (tmp_path / "a.obj").write_text("v 0 0 0\nv 0 4 0\nf 1 2\n")
+    with pytest.raises(SolariError, match="has faces that can't be read"):
+        sv.load(tmp_path / "a.obj")
+    (tmp_path / "a.obj").write_text("v 0 0 0\nv 0 4 0\nl 1 2\n")
+    assert sv.load(tmp_path / "a.obj").warnings[0] == "lines are left out, and only points are drawn"
+
+
+def test_text_of_ply_has_the_types_of_its_header(tmp_path):
+    colors = "".join(f"property uchar {color}\n" for color in ("red", "green", "blue"))
+    (one,) = ply(tmp_path, "", colors, [" 1 0 1"] * 4, "", "4 0 1 2 3\n\x1a\0")
+    assert one.mesh.colors.max() < 1e-3, "codes from 0 to 255, though none is above 1"
+    for row, face, reason in (
+        (" 1 0 0.5", "4 0 1 2 3\n", "0.5 where its header declares uint8"),
+        (" 1 0 0", "4 0 1.5 2 3\n", "1.5 where its header declares int32"),
+        (" 1 0 0", "4 0 1 2 3\n3.5 0 1 2\n", "3.5 values"),
+        (" 1 0 300", "3 0 1 2\n", "300 where"),
+    ):
+        with pytest.raises(SolariError, match=reason):
+            ply(tmp_path, "", colors, [row] * 4, "", face)
+    with pytest.raises(SolariError, match="a name twice, 'property uchar red'"):
+        ply(tmp_path, "", colors + colors, [" 1 0 1 1 0 1"] * 4, "", "4 0 1 2 3\n")
+    with pytest.raises(SolariError, match="a name twice, 'element vertex 1'"):
+        ply(tmp_path, "", "element vertex 1\n", [""] * 4, "", "4 0 1 2 3\n")
+
+
+def test_faces_of_ply_are_read_or_refused(tmp_path, monkeypatch):
+    monkeypatch.setitem(globals(), "LISTS", "property list uchar int vertex_list\n")
+    (one,) = ply(tmp_path, "", "", [""] * 4, "", "4 0 1 2 3\n")
+    assert area_and_normal(one.mesh)[0] == 4
+    for face, rows in (("property list uchar int other\n", "3 0 1 2 1 0\n"), ("", "2 0 1\n")):
+        with pytest.raises(SolariError, match="has faces that can't be read"):
+            ply(tmp_path, "", "", [""] * 4, face, rows)
+    text = HEAD.format("ascii", "", 3) + f"element tristrips 1\n{LISTS}end_header\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n"
+    (tmp_path / "a.ply").write_text(text)
+    with pytest.raises(SolariError, match="has faces that can't be read"):
+        sv.load(tmp_path / "a.ply")
+
+
+def test_convex_polygons_need_no_library(tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "mapbox_earcut", None)
+    angles = np.arange(9) * 2 * np.pi / 9
+    outline = np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    (tmp_path / "a.ply").write_bytes(polygons("ply", [outline @ TILT.T]))
+    (one,) = sv.load(tmp_path / "a.ply")
+    assert area_and_normal(one.mesh)[0] == pytest.approx(4.5 * np.sin(2 * np.pi / 9), abs=1e-5)
+    (tmp_path / "a.ply").write_bytes(polygons("ply", [np.array(OUTLINES["notch"]) @ TILT.T]))
+    with pytest.raises(SolariError, match="mapbox_earcut"):
         sv.load(tmp_path / "a.ply")

@@ -107,7 +107,15 @@ def test_the_end_of_a_clip(writer):
     writer.animate(node, "translation", [0, 2], [[0, 0, 0], [4, 0, 0]])
     scene = writer.load()
     (instance,) = scene
-    for seconds, looped, once in ((0.5, 1, 1), (2, 4, 4), (2 + 1e-15, 4, 4), (2.5, 1, 4), (-0.5, 3, 0), (0, 0, 0)):
+    for seconds, looped, once in (
+        (0.5, 1, 1),
+        (2, 4, 4),
+        (2 + 1e-15, 4, 4),
+        (1.7e9 + 0.5, 1, 4),
+        (2.5, 1, 4),
+        (-0.5, 3, 0),
+        (0, 0, 0),
+    ):
         scene.animate(seconds)
         assert instance.transform[0, 3] == looped
         scene.animate(seconds, loop=False)

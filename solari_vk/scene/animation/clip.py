@@ -14,7 +14,7 @@ from solari_vk.scene.collection import Items
 from solari_vk.scene.lights.light import Light
 from solari_vk.scene.observable import Checked, checked
 
-ROUNDING = 1e-9  # of a time in seconds
+ROUNDING = 1e-9  # of a clip's duration
 
 
 class HasLights(Protocol):
@@ -72,7 +72,8 @@ class Animation(Checked):
             # In clips without a duration there is nothing to repeat.
             repeated = time % duration
             # The end is shown where a pass ends, also by a sum of steps that rounding makes a little longer.
-            time = duration if time > 0 and repeated <= ROUNDING * time else repeated
+            tolerance = max(ROUNDING * duration, 4 * math.ulp(time))
+            time = duration if time > 0 and repeated <= tolerance else repeated
         found: Any = self._tracks  # type: ignore[attr-defined]
         return [(track.nodes, track.path, track.at(time)) for track in found]
 

@@ -35,10 +35,13 @@ UP_AXES = {".obj": "y", ".ply": "y", ".stl": "z"}
 
 _BYTES_PER_BYTE = 12  # of a file, while it is read
 _BYTES_PER_PART = 2**15
-_POINT_OR_LINE = re.compile(rb"(?m)^[pl][ \t]")
+_POINT_OR_LINE, _LINE = re.compile(rb"\n[pl][ \t]"), re.compile(rb"\nl[ \t]")
 _USED_MATERIAL = re.compile(rb"(?m)^usemtl[ \t]+([^\r\n]+)")
 _PARTS = {".obj": re.compile(rb"(?m)^(?:o|g|usemtl)\b"), ".stl": re.compile(rb"endsolid"), ".ply": None}
 _BYTES_PER_TRIANGLE, _WORKING_BYTES = 150, 900  # of a triangle, and while its normals are made
+_BLANKS_AND_COMMENTS = re.compile(rb"\n(?:[ \t]+(?:#[^\n]*)?|#[^\n]*)")
+_CONTINUED = re.compile(rb"\\[ \t]*\n")
+_COMMENT_BEHIND_NUMBERS = re.compile(rb"(\n[vflp][^\n#]*)#[^\n]*")
 _BYTE_ORDER_MARK = b"\xef\xbb\xbf"
 _STL_HEAD, _STL_TRIANGLE = 84, 50  # bytes
 
@@ -86,15 +89,22 @@ def _charge_file(path: Path, data: bytes) -> None:
 
 
 def _cleaned(data: bytes, kind: str) -> bytes:
-    """A file without what readers needn't know: a byte order mark, line ends other than LF, and bytes behind the last
-    triangle of binary STL, whose number its header has."""
+    """A file without what readers needn't know: a byte order mark, line ends other than LF, comments and continued
+    lines of .obj, and bytes behind the last triangle of binary STL, whose number its header has."""
     if kind == ".ply":
-        return data
+        return data.removeprefix(_BYTE_ORDER_MARK)
     triangles = int.from_bytes(data[_STL_HEAD - 4 : _STL_HEAD], "little")
     end = _STL_HEAD + _STL_TRIANGLE * triangles
     if kind == ".stl" and triangles > 0 and end <= len(data):
         return data[:end]
-    return data.removeprefix(_BYTE_ORDER_MARK).replace(b"\r\n", b"\n").replace(b"\r", b"\n")
+    data = data.removeprefix(_BYTE_ORDER_MARK).replace(b"\r\n", b"\n").replace(b"\r", b"\n")
+    if kind == ".obj":
+        # Comments go first: a folder's name at the end of one may end with a backslash, which continues no line.
+        data = _BLANKS_AND_COMMENTS.sub(b"\n", b"\n" + data)
+        data = _CONTINUED.sub(b" ", data)
+        if b"#" in data:
+            data = _COMMENT_BEHIND_NUMBERS.sub(rb"\1", data)
+    return data
 
 
 def _parts(path: Path, reader: Any, data: bytes, files: MtlFiles, warnings: list[str]) -> list[MeshPart]:
@@ -110,11 +120,19 @@ def _parts(path: Path, reader: Any, data: bytes, files: MtlFiles, warnings: list
         material = getattr(getattr(visual, "material", None), "name", None)
         colors = stl_colors(part, data) if kind == ".stl" else part.get("vertex_colors")
         arrays = {"normals": part.get("vertex_normals"), "colors": colors, "uvs": getattr(visual, "uv", None)}
-        triangles = np.asarray(part.get("faces", ()), np.int64).reshape(-1, 3)
+        faces = np.asarray(part.get("faces", ()), np.int64)
+        if faces.shape[1:] == (4,):
+            faces = faces[:, (0, 1, 2, 0, 2, 3)]  # `triangulated_obj` has left only those that this covers
+        triangles = faces.reshape(-1, 3)
         made = MeshPart(str(name), part.get("vertices"), triangles, material=files.material(str(material)), **arrays)
         found.append(made)
-    if kind == ".obj" and _POINT_OR_LINE.search(data) and any(len(part.triangles) for part in found):
-        warnings.append("points and lines beside faces are left out")
+    if kind == ".obj" and any(len(part.triangles) for part in found):
+        if _POINT_OR_LINE.search(data):
+            warnings.append("points and lines beside faces are left out")
+    elif kind == ".obj" and b"\nf" in data:
+        raise SolariError(f"{who}: has faces that can't be read: export it with at least three vertices for each")
+    elif kind == ".obj" and _LINE.search(data):
+        warnings.append("lines are left out, and only points are drawn")
     return found
 
 

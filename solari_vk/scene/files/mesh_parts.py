@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import re
+import warnings
 from bisect import bisect
 from dataclasses import dataclass, field
+from itertools import chain
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from solari_vk.base.budget import charge
 from solari_vk.base.errors import SolariError
 from solari_vk.scene.files.mtl import MtlFiles
 from solari_vk.scene.files.ply import Element, Lists, read_ply
@@ -17,7 +20,12 @@ from solari_vk.scene.meshes.polygons import triangulate
 from solari_vk.scene.model import Material
 
 _FACE = re.compile(rb"(?m)^f[ \t]+([^\n#]*)")
-_NO_TRIANGLE = re.compile(rb"(?m)^f(?:(?:[ \t]+[^\s#]+){4}|[^\n#]*-)")
+_NO_TRIANGLE = re.compile(rb"(?m)^f(?:(?:[ \t]+\S+){4}|[^\n]*-|(?:[ \t]+\S+){0,2}[ \t]*$)")
+_VERTEX = re.compile(rb"(?m)^v[ \t]")
+_POSITION = re.compile(rb"(?m)^v[ \t]+(\S+[ \t]+\S+[ \t]+\S+)")
+_OTHER_NUMBERS = re.compile(rb"/\S*")
+_BYTES_PER_LINE, _BYTES_PER_WORD = 500, 100  # of .obj files that have polygons
+_MOST_DIGITS = 18  # of a number of 64 bits
 _VERTEX_LISTS = ("vertex_indices", "vertex_index")
 _NORMAL = ("nx", "ny", "nz")
 _UVS = (("s", "t"), ("u", "v"), ("texture_u", "texture_v"), ("texture_s", "texture_t"))
@@ -49,30 +57,46 @@ def triangulated_obj(data: bytes, who: str) -> bytes:
     """An .obj file whose faces are triangles, which number vertices from the start of the file."""
     if not _NO_TRIANGLE.search(data):
         return data
+    charge(0, who, "its polygons", working=_BYTES_PER_LINE * data.count(b"\n") + _BYTES_PER_WORD * data.count(b" "))
     lines = list(_FACE.finditer(data))
-    starts = [[line.start() for line in re.finditer(rb"(?m)^%s[ \t]" % kind, data)] for kind in (b"v", b"vt", b"vn")]
-    faces = [[_absolute(corner, line.start(), starts) for corner in line[1].split()] for line in lines]
-    corners = [corner for face in faces for corner in face]
+    faces = [line[1].split() for line in lines]
     counts = np.array([len(face) for face in faces])
-    triangles = triangulate(_points(data, starts[0], corners, who), counts, who)
+    is_changed = (counts < 3) | (counts > 4)
+    if any(b"-" in line[1] for line in lines):
+        starts = [
+            [line.start() for line in re.finditer(rb"(?m)^%s[ \t]" % kind, data)] for kind in (b"v", b"vt", b"vn")
+        ]
+        faces = [[_absolute(corner, line.start(), starts) for corner in line[1].split()] for line in lines]
+        is_changed[:] = True
+    corners = list(chain.from_iterable(faces))
+    triangles = triangulate(_points(data, corners, who), counts, who)
     face_of = np.repeat(np.arange(len(faces)), counts)[triangles[:, 0]]
-    made: list[list[bytes]] = [[] for _ in faces]
-    for number, triangle in zip(face_of.tolist(), triangles.tolist(), strict=True):
+    # Readers cut polygons of four corners at the first one, so most stay as they are.
+    is_changed[face_of[triangles[:, 0] != (np.cumsum(counts) - counts)[face_of]]] = True
+    made: dict[int, list[bytes]] = {number: [] for number in np.flatnonzero(is_changed).tolist()}
+    is_new = is_changed[face_of]
+    for number, triangle in zip(face_of[is_new].tolist(), triangles[is_new].tolist(), strict=True):
         made[number].append(b"f " + b" ".join(corners[corner] for corner in triangle))
-    ends = [0, *(line.end() for line in lines)]
-    pieces = (data[end : line.start()] + b"\n".join(new) for end, line, new in zip(ends, lines, made, strict=False))
-    return b"".join((*pieces, data[ends[-1] :]))
+    pieces = []
+    end = 0
+    for number, new in made.items():
+        pieces += [data[end : lines[number].start()], b"\n".join(new)]
+        end = lines[number].end()
+    return b"".join((*pieces, data[end:]))
 
 
-def _points(data: bytes, starts: list[int], corners: list[bytes], who: str) -> NDArray[np.float64]:
-    """The places (K, 3) of corners of faces in an .obj file. starts: of the lines of its vertices."""
+def _points(data: bytes, corners: list[bytes], who: str) -> NDArray[np.float64]:
+    """The places (K, 3) of corners of faces in an .obj file."""
+    rows = _POSITION.findall(data)
     try:
-        rows = [data[start : start + 200].split(b"\n", 1)[0].split()[1:4] for start in starts]
-        points = np.array(rows, np.float64).reshape(-1, 3)
-        numbers = np.array([corner.split(b"/", 1)[0] for corner in corners], np.int64) - 1
-    except ValueError as error:
-        raise SolariError(f"{who}: a damaged .obj file ({str(error)[:100]}): export it again") from None
-    return np.asarray(points[_checked(numbers, len(points), who)])
+        with warnings.catch_warnings(action="error"):  # versions of numpy warn of what is no number, or refuse it
+            points = np.fromstring(b" ".join(rows), np.float64, sep=" ").reshape(-1, 3)
+            numbers = np.fromstring(_OTHER_NUMBERS.sub(b"", b" ".join(corners)), np.int64, sep=" ")
+    except (ValueError, DeprecationWarning):
+        points, numbers = np.zeros((0, 3)), np.zeros(0, np.int64)
+    if len(numbers) != len(corners) or len(points) != len(_VERTEX.findall(data)):
+        raise SolariError(f"{who}: a damaged .obj file, with words where numbers should be: export it again")
+    return np.asarray(points[_checked(numbers - 1, len(points), who)])
 
 
 def _checked(numbers: NDArray[Any], count: int, who: str) -> NDArray[np.int64]:
@@ -90,7 +114,7 @@ def _absolute(corner: bytes, place: int, starts: list[list[int]]) -> bytes:
         return corner
     numbers = corner.split(b"/")
     for kind, number in enumerate(numbers[:3]):
-        if number.startswith(b"-") and number[1:].isdigit():
+        if number.startswith(b"-") and number[1:].isdigit() and len(number) <= _MOST_DIGITS:
             numbers[kind] = b"%d" % (bisect(starts[kind], place) + 1 + int(number))
     return b"/".join(numbers)
 
@@ -142,7 +166,7 @@ class _Fields:
         return [f"{name} of {self.name}" for name in self.element.types if name not in self.asked | same]
 
 
-def ply_parts(data: bytes, who: str, name: str, files: MtlFiles, warnings: list[str]) -> list[MeshPart]:
+def ply_parts(data: bytes, who: str, name: str, files: MtlFiles, report: list[str]) -> list[MeshPart]:
     """The parts of a .ply file: one for each of its textures."""
     elements, textures = read_ply(data, who)
     vertex, face = (_Fields(kind, elements.pop(kind, Element(0))) for kind in ("vertex", "face"))
@@ -156,38 +180,55 @@ def ply_parts(data: bytes, who: str, name: str, files: MtlFiles, warnings: list[
     part.normals = vertex.columns(_NORMAL)
     part.colors = vertex.columns(*_COLORS)
     part.uvs = vertex.columns(*_UVS)
-    number = _add_faces(part, face, who, has_several=len(textures) > 1)
+    number = _add_faces(part, face, who)
+    if not len(part.triangles) and (face.element.count or elements.get("tristrips", Element(0)).count):
+        raise SolariError(
+            f"{who}: has faces that can't be read: export it with lists of at least three vertices, 'vertex_indices'"
+        )
     unread = [f"{kind} (all)" for kind, element in elements.items() if element.count]
     ignored = [*vertex.ignored(), *face.ignored(), *unread]
     if ignored:
-        warnings.append(f"properties that are ignored: {', '.join(ignored)}")
+        report.append(f"properties that are ignored: {', '.join(ignored)}")
     if textures and part.uvs is None:
-        warnings.append(f"textures are left out, since there are no uvs for them: {', '.join(textures)}")
-    return _textured(part, number, textures, files, warnings) if textures and part.uvs is not None else [part]
+        report.append(f"textures are left out, since there are no uvs for them: {', '.join(textures)}")
+    return _textured(part, number, textures, files, report) if textures and part.uvs is not None else [part]
 
 
 def _textured(
-    part: MeshPart, number: NDArray[Any] | None, textures: list[str], files: MtlFiles, warnings: list[str]
+    part: MeshPart, number: NDArray[Any] | None, textures: list[str], files: MtlFiles, report: list[str]
 ) -> list[MeshPart]:
     """A part for each texture. number: of each triangle's texture; None if there is one for all."""
     if part.colors is not None:
-        warnings.append("colors beside textures are ignored")
+        report.append("colors beside textures are ignored")
         part.colors = None
+    if number is None:
+        number = np.zeros(len(part.triangles))
+        if textures[1:]:
+            names = ", ".join(textures[1:])
+            report.append(f"textures are left out, since no 'texnumber' says which faces have them: {names}")
     parts = []
     for texture, file in enumerate(textures):
-        image = files.image(file)
-        fields: dict[str, Any] = {} if image is None else {"base_color": 1.0, "base_color_texture": image}
-        material = Material(name=file, double_sided=True, perceptual_roughness=1.0, **fields)
-        triangles = part.triangles if number is None else part.triangles[number == texture]
+        triangles = part.triangles[number == texture]
         if len(triangles):
+            image = files.image(file)
+            fields: dict[str, Any] = {} if image is None else {"base_color": 1.0, "base_color_texture": image}
+            material = Material(name=file, double_sided=True, perceptual_roughness=1.0, **fields)
             parts.append(MeshPart(file, part.positions, triangles, part.normals, None, part.uvs, material))
+    has_none = ~np.isin(number, np.arange(len(textures)))
+    if has_none.any():
+        report.append(f"faces whose 'texnumber' is that of no texture are gray: {has_none.sum():,} triangles")
+        parts.append(MeshPart(part.name, part.positions, part.triangles[has_none], part.normals))
     return parts or [part]
 
 
-def _add_faces(part: MeshPart, face: _Fields, who: str, *, has_several: bool) -> NDArray[Any] | None:
+def _add_faces(part: MeshPart, face: _Fields, who: str) -> NDArray[Any] | None:
     """Give a part its triangles, and vertices of their own to the corners of faces that have uvs or colors. Returns the
-    number of each triangle's texture, if the file has several."""
+    number of each triangle's texture, if the file says it."""
     outlines = face.lists(*_VERTEX_LISTS)
+    if outlines is None:
+        # Some programs have a name of their own for the only list that can be meant.
+        whole = [name for name, (length, kind) in face.element.types.items() if length and kind[0] in "iu"]
+        outlines = face.lists(*whole) if len(whole) == 1 else None
     uvs = face.lists("texcoord")
     colors = face.columns(*_COLORS)
     texture = face.columns(("texnumber",))
@@ -207,4 +248,4 @@ def _add_faces(part: MeshPart, face: _Fields, who: str, *, has_several: bool) ->
         part.uvs = uvs.values.reshape(-1, 2)
     if colors is not None:
         part.colors = colors[face_of]
-    return texture[face_of[triangles[:, 0]], 0] if texture is not None and has_several else None
+    return None if texture is None else texture[face_of[triangles[:, 0]], 0]

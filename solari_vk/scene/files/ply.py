@@ -17,6 +17,7 @@ _MOST_ELEMENTS, _MOST_PROPERTIES = 16, 256
 _BYTES_PER_VALUE, _BYTES_PER_ROW = 8, 250  # of text; of elements whose lists differ in length
 # What follows a header that ends with CR is data, also if it is LF.
 _HEADER = re.compile(rb"\Aply[ \t]*(\r\n|\n|\r)(.{0,100000}?[\r\n])end_header[ \t]*(?:\1|\r\n|\n)", re.DOTALL)
+_PADDING = b" \t\r\n\0\x1a"  # behind a text; 1A ends files in CP/M and DOS
 _TYPES = {
     "char": "i1", "uchar": "u1", "short": "i2", "ushort": "u2", "int": "i4", "uint": "u4", "float": "f4",
     "double": "f8", "int8": "i1", "uint8": "u1", "int16": "i2", "uint16": "u2", "int32": "i4", "uint32": "u4",
@@ -51,6 +52,7 @@ class _Source:
         self._data: Any = body
         if not end:
             charge(0, who, "its text", working=_BYTES_PER_VALUE * len(body) // 2)
+            body = body.rstrip(_PADDING)
             try:
                 with warnings.catch_warnings(
                     action="error"
@@ -69,10 +71,24 @@ class _Source:
 
     def property(self, length: str, kind: str) -> NDArray[Any]:
         """The next values of a property; length: the type of a list's length, "" for a single number."""
-        count = float(self.take(length, 1)[0]) if length else 1
-        if not 0 <= count < 2**31:
+        count = float(self.take(length, 1)[0]) if length else 1.0
+        if not 0 <= count < 2**31 or not count.is_integer():
             raise SolariError(f"{self._who}: has a list of {count:g} values: export it again")
         return self.take(kind, int(count))
+
+    def typed(self, values: NDArray[Any], kind: str) -> NDArray[Any]:
+        """Numbers that were taken, as the type that the header declares. Those that may have fractions keep all of the
+        digits of a text."""
+        if self.end or np.dtype(kind).kind == "f":
+            return values
+        with np.errstate(invalid="ignore"):  # of what the type can't hold
+            found = values.astype(kind)
+        wrong = values[found != values]
+        if len(wrong):
+            raise SolariError(
+                f"{self._who}: has {wrong[0]:g} where its header declares {np.dtype(kind).name}: export it again"
+            )
+        return found
 
     def block(self, count: int, columns: list[tuple[str, int]]) -> list[NDArray[Any]]:
         """The next rows of columns, each of a type and a width: an array (count, width) for each column."""
@@ -110,21 +126,25 @@ def read_ply(data: bytes, who: str) -> tuple[dict[str, Element], list[str]]:
 def _header(text: str, who: str) -> tuple[dict[str, Element], list[str], str]:
     """The elements that a header declares, the textures that it names, and the end of the numbers: see `_Source`."""
     elements: dict[str, Element] = {}
+    latest = Element(0)
     textures = []
     end = None
     for line in re.split(r"[\r\n]+", text):
         words = line.split()
+        taken: Any = elements if words[:1] == ["element"] else latest.types
         match words:
             case ["format", kind, *_]:
                 end = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}.get(kind)
             case ["comment", word, _, *_] if word.lower() == "texturefile":
                 textures.append(line.split(None, 2)[2].strip())
+            case ["element", name, *_] | ["property", *_, name] if name in taken:
+                raise SolariError(f"{who}: its header has a name twice, '{line[:80]}': export it again")
             case ["element", name, number] if number.isdecimal() and len(number) < 19:
-                elements[name] = Element(int(number))
+                latest = elements[name] = Element(int(number))
             case ["property", "list", length, kind, name] if elements and length in _TYPES and kind in _TYPES:
-                list(elements.values())[-1].types[name] = _TYPES[length], _TYPES[kind]
+                latest.types[name] = _TYPES[length], _TYPES[kind]
             case ["property", kind, name] if elements and kind in _TYPES:
-                list(elements.values())[-1].types[name] = "", _TYPES[kind]
+                latest.types[name] = "", _TYPES[kind]
             case ["element" | "property", *_]:
                 raise SolariError(f"{who}: its header has a wrong line, '{line[:80]}': export it again")
     if end is None:
@@ -151,6 +171,12 @@ def _read(element: Element, source: _Source, who: str) -> None:
     if not element.values:
         source.at = start
         element.values = _rows(element, source, who)
+    for name, values in element.values.items():
+        kind = element.types[name][1]
+        if isinstance(values, Lists):
+            element.values[name] = values._replace(values=source.typed(values.values, kind))
+        else:
+            element.values[name] = source.typed(values, kind)
 
 
 def _columns(element: Element, widths: list[int], blocks: list[NDArray[Any]]) -> dict[str, NDArray[Any] | Lists]:
