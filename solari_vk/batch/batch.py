@@ -209,11 +209,14 @@ class Batch(BatchResults):
         options = {"fov": fov, "vertical_fov": vertical_fov, "K": K, "near": near, "ev100": ev100}
         accepted = accept_cameras(self._port, cameras, RENDER, (self.views, 4, 4))
         read = self._read(accepted, options, RENDER)
-        self._look_for_backs(accepted, read)
         numbers = self._checked_seeds(seeds, RENDER)
         begins = checked_mask(reset, self.views)
+        # Where worlds have scenes of their own, each look takes the first one to the device again.
+        looks = self._back_sides.is_due() and not (self.binder.has_many_scenes and self._rendered)
         with self.binder.tensors.putting_off():
             self._render(read, sample_count, numbers, begins, clears_cache)
+        if looks:
+            self._look_for_backs(accepted, read)
         return self
 
     def _read(self, cameras: Any, options: Mapping[str, Any], where: str) -> view_cameras.ViewCameras:
@@ -224,9 +227,6 @@ class Batch(BatchResults):
 
     def _look_for_backs(self, cameras: Any, read: view_cameras.ViewCameras) -> None:
         """Warn if one of the first views looks through the backs of surfaces."""
-        # Where worlds have scenes of their own, each look takes the first one to the device again.
-        if self._back_sides.rests or (self.binder.has_many_scenes and self._rendered):
-            return
         scene = self.binder.scene if self.binder.has_many_scenes else self.binder
         for view in range(1 if self.binder.has_many_scenes else min(self.views, VIEWS_LOOKED_AT)):
             camera = view_cameras.camera_of(cameras, read, view)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections import Counter
 from typing import Any
 
@@ -17,7 +16,7 @@ from solari_vk.scene.model import Camera, Scene
 
 SIDE = 24  # rays along each side of a picture
 FIRST_LOOKS = 8  # at pictures of other views, which are never left out
-SHARE_OF_TIME = 0.01  # that later looks may take
+FRAMES_APART = 1000  # later looks, whose cost then doesn't show; by the clock, equal renders would have other warnings
 
 
 class BackSides:
@@ -30,36 +29,35 @@ class BackSides:
         self._transform: Any = None
         self._others = 0.0, 0
         self._looks = 0
-        self._next_look = 0.0
+        self._frames = 0
+        self._next_look = 0
 
-    @property
-    def rests(self) -> bool:
-        """Whether no look is due."""
-        return self._has_warned or (self._looks >= FIRST_LOOKS and time.monotonic() < self._next_look)
+    def is_due(self) -> bool:
+        """Count a frame, and say whether it may be looked at."""
+        self._frames += 1
+        return not self._has_warned and (self._looks < FIRST_LOOKS or self._frames >= self._next_look)
+
+    def count_and_look(self, scene: SceneBinder, camera: Camera, size: tuple[int, int]) -> None:
+        """Call it in each frame, as `look`."""
+        if self.is_due():
+            self.look(scene, camera, size)
 
     def look(self, scene: Scene | SceneBinder, camera: Camera, size: tuple[int, int]) -> None:
         """Warn if more than half of a picture shows what lies behind a surface that hides its back.
 
-        Call it before the renderer's own update of the binder, whose previous frame is then that of the renderer.
+        Call it after the frame was submitted: a look updates the binder, which ends what frames know of previous ones.
         """
-        if self.rests:
-            return
-        revision = 0
-        if isinstance(scene, SceneBinder):
-            scene.update()  # so that edits count now
-            revision = scene.scene_revision
+        revision = scene.scene_revision if isinstance(scene, SceneBinder) else 0
         # A transform is another array once it is assigned.
         others = camera.vertical_fov, revision
         if camera.transform is self._transform and others == self._others:
             return
         self._transform, self._others = camera.transform, others
         self._looks += 1
-        started = time.monotonic()
+        self._next_look = self._frames + FRAMES_APART
         instances = (scene if isinstance(scene, Scene) else scene.scene).instances
         if any(instance.visible and instance.material.hides_back for instance in instances):
             self._judge(scene, camera, size)
-        ended = time.monotonic()
-        self._next_look = ended + (ended - started) / SHARE_OF_TIME
 
     def _judge(self, scene: Scene | SceneBinder, camera: Camera, size: tuple[int, int]) -> None:
         # Pixels are counted from the middle of the first one.

@@ -231,8 +231,8 @@ class PathTracer(RendererBase):
     def _prepare(self, camera: Camera) -> None:
         """Apply edits of the scene; discard the samples if the scene, the size or the camera has changed."""
         self._prepare_lens(camera)
-        self._back_sides.look(self.binder, camera, self.size)
         self.binder.update()
+        self._back_sides.count_and_look(self.binder, camera, self.size)
         projection = Projection.of(camera, self.size)
         # Samples of earlier calls count only for the same scene through the same camera.
         key = (self.binder.scene_revision, self.size, *projection.view)
@@ -345,8 +345,8 @@ class PathTracer(RendererBase):
         """PoseCallback the scene and apply its edits; returns the camera."""
         shown = self._callback_cameras.pose(pose, seconds, camera)
         self._prepare_lens(shown)
-        self._back_sides.look(self.binder, shown, self.size)
         self.binder.update()
+        self._back_sides.count_and_look(self.binder, shown, self.size)
         self._warn_of_darkness()
         self._projection = Projection.of(shown, self.size)
         return shown

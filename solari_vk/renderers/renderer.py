@@ -173,7 +173,6 @@ class Renderer(RendererBase):
         """Submit a frame of the scene as it is; returns its projection, and the device's timeline value."""
         # A lens may change the G-buffer's method, which `_prepare` builds the frame for.
         self._prepare_lens(camera, rasters=self.settings.gbuffer == "raster")
-        self._back_sides.look(self.binder, camera, self.size)
         self._prepare()
         try:
             if self.settings.frame_ms > 0:
@@ -186,6 +185,7 @@ class Renderer(RendererBase):
             raise
         self.frame_count += 1
         self.frame_time.record_submission(timeline_value)
+        self._back_sides.count_and_look(self.binder, camera, self.size)
         return projection, timeline_value
 
     @property

@@ -44,7 +44,7 @@ def submissions(device, monkeypatch):
         return submit(queue, count, infos, fence)
 
     monkeypatch.setattr(device.vk, "vkQueueSubmit2", counted)
-    monkeypatch.setattr(BackSides, "rests", True)  # whose looks have submissions of their own
+    monkeypatch.setattr(BackSides, "is_due", lambda _: False)  # whose looks have submissions of their own
     return counts
 
 

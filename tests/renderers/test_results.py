@@ -16,8 +16,10 @@ from support.frames import GBUFFER, PartialRenderer, make_renderer
 
 import solari_vk as sv
 from solari_vk import shapes
+from solari_vk.bound.traced_instances import SceneTlas
 from solari_vk.passes import gbuffer
 from solari_vk.passes.first_hits import FIRST_HITS
+from solari_vk.renderers.scene_frame import SceneFrame
 from solari_vk.scene.builtin import place
 from solari_vk.scene.matrices import rotation
 
@@ -403,6 +405,29 @@ def test_hidden_backs_are_told_of_once(device, kind):
         with warnings.catch_warnings():
             warnings.simplefilter("error")
             look(sv.Camera.look_at((-1.5, 1.5, 1.5), (0, 1, 0), fov=60))
+
+
+def test_looks_leave_the_previous_structure_to_the_frame(device, monkeypatch):
+    """A structure that is copied twice before its frame has lost where a moved instance was."""
+    scene = room_of_shapes(double_sided=False)
+    copies, before_frames = [], []
+    copy, submit = SceneTlas._copy_to_previous, SceneFrame.submit_applied
+
+    def submit_and_note(frame, *before):
+        if frame is made._frame:
+            before_frames.append(len(copies))
+        return submit(frame, *before)
+
+    monkeypatch.setattr(SceneTlas, "_copy_to_previous", lambda self: (copies.append(self), copy(self)))
+    monkeypatch.setattr(SceneFrame, "submit_applied", submit_and_note)
+    with PartialRenderer(device, scene, SIZE, passes=GBUFFER) as made:
+        made.binder.keep_previous_tlas(made, True)
+        for step in range(3):
+            scene.instances["ball"].position = (0.1 * step, 1, 0)
+            copies.clear()
+            made.render(sv.Camera.look_at((step, 1, 9), (0, 1, 0)))
+        assert made._back_sides._looks == 3
+        assert before_frames[1:] == [1, 1]
 
 
 def test_images_are_what_is_saved(renderer, tmp_path):
