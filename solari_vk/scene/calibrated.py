@@ -92,9 +92,12 @@ def _opencv_rotation(R: ArrayLike) -> Floats:
 def plain_matrices(K: Floats) -> tuple[Floats, Any]:
     """Matrices K (..., 3, 3) with a last element of 1, and whether each is one of a camera without skew. They may come
     from other programs: a decomposition leaves rounding errors, and K up to a factor."""
-    sides = np.abs(K[..., (0, 1, 2, 2), (1, 0, 0, 1)]).max(axis=-1)
+    skews = np.abs(K[..., (0, 1), (1, 0)]).max(axis=-1)
+    # Beside the last element these are 1 in pixels over the focal length, whatever that is.
+    tilts = np.abs(K[..., 2, :2]).max(axis=-1)
+    is_plain = (skews <= ROUNDING * K[..., 0, 0]) & (tilts <= ROUNDING * K[..., 2, 2])
     focal = np.minimum(np.minimum(K[..., 0, 0], K[..., 1, 1]), K[..., 2, 2])
-    return K / K[..., 2:, 2:], (sides <= ROUNDING * K[..., 0, 0]) & (focal > 0)
+    return K / K[..., 2:, 2:], is_plain & (focal > 0)
 
 
 def _without_zeros(distortion: ArrayLike | None, projection: str) -> Floats:

@@ -84,7 +84,9 @@ def thickened(matrices: NDArray[Any]) -> NDArray[np.float64]:
     lengths = np.linalg.norm(found[..., :3, :3], axis=-2).prod(axis=-1)
     is_flat = np.abs((x * cofactors[..., 0]).sum(axis=-1)) <= 1e-9 * lengths
     area = np.linalg.norm(cofactors, axis=(-2, -1))
-    factor = np.where(is_flat & (area > 0), _THICKNESS / np.sqrt(np.where(area > 0, area, 1)), 0)
+    is_plane = is_flat & (area > 0)
+    factor = np.zeros(area.shape)
+    factor[is_plane] = _THICKNESS / np.sqrt(area[is_plane])
     found[..., :3, :3] += factor[..., None, None] * cofactors
     return found
 

@@ -35,7 +35,9 @@ def rotation_matrix(value: Any) -> NDArray[np.float64]:
 def _scale(value: Any) -> NDArray[np.float64]:
     factors = checks.real(value, np.float64)
     checks.refuse_not_finite(factors)
-    if factors.shape not in ((), (3,)) or not (factors >= 0).all() or np.count_nonzero(factors) < min(factors.size, 2):
+    least_above_0 = 2 if factors.shape == (3,) else 1
+    is_negative = bool((factors < 0).any())
+    if factors.shape not in ((), (3,)) or is_negative or np.count_nonzero(factors) < least_above_0:
         raise ValueError(
             "must be one factor or three, (3,), above 0, of which one of three may be 0 (a transform can mirror), not "
             f"{quoted(value)}"

@@ -11,8 +11,9 @@ import pytest
 import solari_vk as sv
 from solari_vk.scene import shapes
 from solari_vk.scene.builtin import matte
-from solari_vk.scene.lights.punctual import PointLight
+from solari_vk.scene.lights.punctual import PointLight, SpotLight
 from solari_vk.scene.presenting import enclosures
+from solari_vk.scene.presenting.lamplight import lit_shell
 from solari_vk.scene.presenting.surroundings import surround
 
 WHITE = matte(0.5)
@@ -124,6 +125,14 @@ def test_a_camera_of_the_file_in_a_closed_shell_gets_a_lamp():
     given, in_studio = surround(scene, scene.camera, "auto")
     assert (given, in_studio) == ("seen within a closed shell, and gets a lamp", False)
     assert lit_share(scene) > 0.9
+
+
+@pytest.mark.parametrize("away", [True, False])
+def test_a_spot_outside_lights_a_closed_shell_only_within_its_cone(away):
+    camera = sv.Camera.look_at((8, 1.5, 0), (0, 1.5, 0))
+    lamps = [PointLight((0, 1, 0)), SpotLight((6, 1.5, 0), (1 if away else -1, 0, 0))]
+    room = lit_shell(camera, [sv.Instance(HOUSE, WHITE)], lamps, HOUSE.positions)
+    assert (room is not None) == away
 
 
 def thick_room(*, front):

@@ -44,6 +44,9 @@ def test_what_opencv_returns():
         np.testing.assert_allclose(camera(K, padded).project(POINTS, SIZE), camera(K, terms).project(POINTS, SIZE))
     with pytest.raises(SolariError, match="numbers, not 14"):
         camera(K, [*[0.0] * 12, 0.01, 0])
+    # The last row moves pixels by its products with them, whatever the focal length is.
+    with pytest.raises(SolariError, match="no skew"):
+        camera(K + np.array([[0, 0, 0], [0, 0, 0], [1e-7, 0, 0]]))
 
 
 MODELS = {
@@ -73,6 +76,8 @@ def test_models_and_binary_files_of_colmap(tmp_path, model):
         (other,) = theirs.images.values()
         wanted = np.array([other.project_point(point) for point in POINTS]) - 0.5
         np.testing.assert_allclose(image.camera.project(POINTS, SIZE), wanted, atol=1e-4)
+    (binary / "cameras.txt").write_text("# of another model")
+    assert len(sv.load_colmap(binary)) == 1, "both binary files are there, and one as text"
     data = (binary / "images.bin").read_bytes()
     (binary / "images.bin").write_bytes(data[:-9])
     with pytest.raises(SolariError, match=r"images\.bin: is cut off"):
@@ -98,6 +103,13 @@ def test_worlds_of_transforms_json(tmp_path):
     np.testing.assert_allclose(read(pose)[0].transform, world, atol=1e-12)
     with pytest.raises(SolariError, match="left-handed, which would mirror the picture"):
         read(pose * (-1, 1, 1, 1))
+    for wrong in (None, 2, np.eye(3), np.diag((1, 1, -1, 1)), np.diag((1, 2, 1, 1)), np.zeros((4, 4)), 2 * np.eye(4)):
+        content["applied_transform"] = wrong.tolist() if isinstance(wrong, np.ndarray) else wrong
+        with pytest.raises(SolariError, match="applied_transform isn't a rotation"):
+            read(pose)
+    content |= {"applied_transform": np.eye(4).tolist(), "applied_scale": -1}
+    with pytest.raises(SolariError, match=r"applied_scale is -1.0, not above 0"):
+        read(pose)
 
 
 def test_left_handed_cameras_are_warned_of():

@@ -72,6 +72,14 @@ def test_obj_with_materials(plane):
     np.testing.assert_allclose(mesh.normals, [[0, 0, 1]] * 4, atol=1e-6)
 
 
+def test_names_of_files_may_differ_in_case_alone(plane):
+    for name, other in (("wood.png", "Wood.PNG"), ("plane.mtl", "PLANE.mtl")):
+        (plane.parent / name).rename(plane.parent / other)
+    assert sv.load(plane).warnings == []
+    (plane.parent / "WOOD.png").touch()
+    assert "no such file" in sv.load(plane).warnings[0], "either could be meant"
+
+
 def test_what_mtl_files_say_without_effect_is_reported(plane, monkeypatch):
     plane.with_name("old wood.png").write_bytes(plane.with_name("wood.png").read_bytes())
     plane.with_name("plane.mtl").write_text(
@@ -169,7 +177,10 @@ def test_textures_that_need_a_missing_library_are_warned_of(tmp_path, monkeypatc
     [
         (None, "'plane.mtl'.*no such file"),
         ("newmtl red\nmap_Kd gone.png\n", "'gone.png'.*no such file"),
-        ("newmtl red\nmap_Kd plane.obj\n", "the image 'plane.obj' is not a PNG"),
+        (
+            "newmtl red\nmap_Kd plane.obj\n",
+            "'plane.obj' is not a PNG, JPEG, WebP, KTX2, DDS, EXR, BMP, GIF, TIFF or TGA image",
+        ),
         ("newmtl red\nmap_Kd ../secret.png\n", "outside the model's folder"),
         ("newmtl red\nmap_Kd /etc/passwd\n", "outside the model's folder"),
         ("newmtl red\nmap_Kd link.png\n", "outside the model's folder"),

@@ -119,28 +119,40 @@ def _poses_of_nerf(content: dict[str, Any], path: Path, aspect: float) -> list[d
     try:
         poses: list[dict[str, Any]] = []
         # Nerfstudio: what led from the world of the pictures' program, and of its meshes, to that of the poses.
-        applied = np.eye(4)
-        applied[:3] = np.array(content.get("applied_transform", applied), np.float64)[:3]
-        applied[:3] *= float(content.get("applied_scale", 1))
+        applied = _applied(content)
         for frame in content["frames"]:
             # Fields of the lens stand once for all frames, or in each frame, which then counts.
             lens = {**content, **frame}
             matrix = np.array(frame["transform_matrix"], np.float64)
             if matrix.shape == (3, 4):
                 matrix = np.vstack([matrix, (0, 0, 0, 1)])
-            if not is_rotation(matrix[:3, :3] / np.linalg.norm(matrix[:3, :3], axis=0)):
+            world = np.linalg.solve(applied, matrix)
+            world[:3, :3] /= np.linalg.norm(world[:3, :3], axis=0)
+            if not is_rotation(world[:3, :3]):
                 raise ValueError(
                     f"frame {len(poses)}: transform_matrix isn't a rotation and a place: the axes are sheared or "
                     "left-handed, which would mirror the picture; export right-handed ones as OpenGL has them"
                 )
-            world = np.linalg.solve(applied, matrix)
-            world[:3, :3] /= np.linalg.norm(world[:3, :3], axis=0)
             pose = {"transform": world.tolist(), **_lens_of_nerf(lens)}
             fov = _vertical_fov(lens, pose.get("projection", "perspective"), aspect)
             poses.append({**pose, "vertical_fov_degrees": math.degrees(fov)})
         return poses
     except (KeyError, TypeError, ValueError, ArithmeticError) as error:
         raise SolariError(f"--cameras {path}: it lacks a field of {NAME}, or has a wrong one: {error}") from None
+
+
+def _applied(content: dict[str, Any]) -> Floats:
+    """The matrix (4, 4) that a file's `applied_transform` and `applied_scale` mean."""
+    given = np.array(content.get("applied_transform", np.eye(4)), np.float64)
+    scale = float(content.get("applied_scale", 1))
+    if not 0 < scale < math.inf:
+        raise ValueError(f"applied_scale is {scale}, not above 0")
+    fits = given.shape in ((3, 4), (4, 4)) and np.isfinite(given).all() and (given[3:] == (0, 0, 0, 1)).all()
+    # A rotation's three columns have the length 1.
+    own_scale = np.linalg.norm(given[:3, :3]) / math.sqrt(3) if fits else 0
+    if not own_scale > 0 or not is_rotation(given[:3, :3] / own_scale):
+        raise ValueError("applied_transform isn't a rotation, a scale above 0 and a shift, as (3, 4) or (4, 4) numbers")
+    return np.vstack([scale * given[:3], (0, 0, 0, 1)])
 
 
 def _vertical_fov(lens: dict[str, Any], projection: str, aspect: float) -> float:

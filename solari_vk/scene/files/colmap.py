@@ -62,13 +62,13 @@ class ColmapImage(NamedTuple):
 
 
 def load_colmap(folder: str | os.PathLike[str]) -> list[ColmapImage]:
-    """The images of a folder with `cameras.txt` and `images.txt`, or else `cameras.bin` and `images.bin`, in the file's
+    """The images of a folder with `cameras.bin` and `images.bin`, or else `cameras.txt` and `images.txt`, in the file's
     order.
 
     Raises SolariError for a file that can't be read, a model that isn't in MODELS, and a wrong line.
     """
     with load_budget():
-        if not (Path(folder) / "cameras.txt").exists() and (Path(folder) / "cameras.bin").exists():
+        if all((Path(folder) / name).exists() for name in ("cameras.bin", "images.bin")):
             return _load_binary(Path(folder))
         return _load(Path(folder) / "cameras.txt", Path(folder) / "images.txt")
 

@@ -166,7 +166,7 @@ class MtlFiles:
         folder = Path(os.path.realpath(self._folder))
         try:
             # Links are followed before the path is compared with the folder.
-            path = Path(os.path.realpath(folder / name))
+            path = Path(os.path.realpath(_in_any_case(folder / name)))
         except (OSError, ValueError):
             raise SolariError(f"no file can have the name {quoted(name)}") from None
         if not path.is_relative_to(folder):
@@ -175,6 +175,15 @@ class MtlFiles:
         if len(data) > LARGEST_FILE:
             raise SolariError(f"the file '{name}' has more than {LARGEST_FILE >> 20} MiB: make it smaller")
         return data
+
+
+def _in_any_case(path: Path) -> Path:
+    """A file, or else the only one of its folder whose name differs in case alone: many come from systems where that is
+    the same file."""
+    if path.exists() or not path.parent.is_dir():
+        return path
+    found = [other for other in path.parent.iterdir() if other.name.casefold() == path.name.casefold()]
+    return found[0] if len(found) == 1 else path
 
 
 def _number(text: str | None, default: float, highest: float) -> float:

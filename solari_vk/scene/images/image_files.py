@@ -80,8 +80,9 @@ def _open_by_pillow(data: bytes | memoryview, who: str, formats: tuple[str, ...]
             warnings.simplefilter("ignore")
             return Image.open(io.BytesIO(data), formats=formats)
     except UnidentifiedImageError:
+        *others, last = ("PNG", "JPEG", "WebP", "KTX2", "DDS", "EXR", *formats[len(_FORMATS) :])
         raise SolariError(
-            f"{who} is not a PNG, JPEG, WebP, KTX2, DDS or EXR image, or is damaged: save it again as one of these"
+            f"{who} is not a {', '.join(others)} or {last} image, or is damaged: save it again as one of these"
         ) from None
     except (Image.DecompressionBombError, MemoryError):
         raise SolariError(_too_large(who)) from None

@@ -29,7 +29,9 @@ class Lamps(NamedTuple):
     points: Floats
     """(N, 3) in meters."""
     normals: Floats
-    """Of emissive surfaces (N, 3); zero for lamps that shine to all sides."""
+    """Of emissive surfaces (N, 3), and the axes of spots; zero for lamps that shine to all sides."""
+    edges: Floats
+    """(N,) the cosine of half of a spot's cone, -1 for lamps that shine to all sides, and NaN of surfaces."""
     intensities: Floats
     """(N,) in cd, of surfaces along the normal."""
 
@@ -61,7 +63,8 @@ def lamps_of(instances: Iterable[Instance], lights: Iterable[Light] = ()) -> Lam
     normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)
     return Lamps(
         np.concatenate([(a + b + c) / 3, *points]),
-        np.concatenate([normals, np.zeros((len(points), 3))]),
+        np.concatenate([normals, *(np.reshape(getattr(light, "direction", np.zeros(3)), (1, 3)) for light in shining)]),
+        np.append(np.full(count, np.nan), [math.cos(getattr(light, "outer_cone_angle", math.pi)) for light in shining]),
         np.append(np.full(count, power.sum() / LAMP_POINTS), [light.intensity for light in shining]),
     )
 
@@ -105,8 +108,9 @@ def _light_at(point: Floats, normal: Floats, lamps: Lamps, blockers: Floats) -> 
     toward = lamps.points - point
     squares = np.maximum((toward**2).sum(axis=1), 1e-300)
     units = toward / np.sqrt(squares)[:, None]
-    aimed = np.where(lamps.normals.any(axis=1), -(units * lamps.normals).sum(axis=1), 1)
-    light = lamps.intensities * aimed.clip(0) * (units @ normal).clip(0) / (squares * math.pi)
+    aimed = -(units * lamps.normals).sum(axis=1)
+    share = np.where(np.isnan(lamps.edges), aimed.clip(0), aimed >= lamps.edges)
+    light = lamps.intensities * share * (units @ normal).clip(0) / (squares * math.pi)
     ahead = light > 0
     free = trace(point, toward[ahead], blockers).distance > 1 - LIFT
     return float(light[ahead][free].sum())

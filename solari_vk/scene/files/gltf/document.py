@@ -314,9 +314,8 @@ def _decode_data_uri(uri: str, entry: Entry) -> NDArray[np.uint8]:
             return np.frombuffer(base64.b64decode(text + b"=" * (-len(text) % 4), validate=True), np.uint8)
         found = bytearray()
         for piece in _unquoted(body):
-            entry.charge(
-                len(piece), "its data", working=len(found) // 8 + sys.getsizeof(body)
-            )  # a bytearray has some to spare
+            spare = len(found) // 8  # of a bytearray that grows
+            entry.charge(len(piece), "its data", working=spare + sys.getsizeof(body))
             found += piece
         return np.frombuffer(found, np.uint8)
     except (ValueError, binascii.Error):

@@ -122,7 +122,8 @@ def local_matrix(entry: Entry) -> Matrix:
     scale = entry.numbers("scale", (1.0, 1.0, 1.0))
     # Exporters round quaternions, whose length should be 1.
     length = math.hypot(*quaternion)
-    turned = quaternion_rotation(*((part / length for part in quaternion) if length > 0 else (0.0, 0.0, 0.0, 1.0)))
+    x, y, z, w = (part / length for part in quaternion) if length > 0 else (0.0, 0.0, 0.0, 1.0)
+    turned = quaternion_rotation(x, y, z, w)
     return np.array(
         [[*(a * b for a, b in zip(row, scale, strict=True)), x] for row, x in zip(turned, position, strict=True)]
         + [[0.0, 0.0, 0.0, 1.0]]
