@@ -211,8 +211,7 @@ class Batch(BatchResults):
         read = self._read(accepted, options, RENDER)
         numbers = self._checked_seeds(seeds, RENDER)
         begins = checked_mask(reset, self.views)
-        # Where worlds have scenes of their own, each look takes the first one to the device again.
-        looks = self._back_sides.is_due() and not (self.binder.has_many_scenes and self._rendered)
+        looks = self._is_looked_at()
         with self.binder.tensors.putting_off():
             self._render(read, sample_count, numbers, begins, clears_cache)
         if looks:
@@ -224,6 +223,11 @@ class Batch(BatchResults):
         if self._realtime is not None:
             check_realtime(cameras, where)
         return found
+
+    def _is_looked_at(self) -> bool:
+        """Whether to look at the next frame."""
+        # Where worlds have scenes of their own, each look takes the first one to the device again.
+        return self._back_sides.is_due() and not (self.binder.has_many_scenes and self._rendered)
 
     def _look_for_backs(self, cameras: Any, read: view_cameras.ViewCameras) -> None:
         """Warn if one of the first views looks through the backs of surfaces."""
@@ -299,7 +303,7 @@ class Batch(BatchResults):
         options = {"fov": fov, "vertical_fov": vertical_fov, "K": K, "near": near, "ev100": ev100}
         shown = cameras_of(frames, self.views, cameras, self._port)
         read = [self._read(of_frame, options, RENDER_MANY) for of_frame in shown]
-        self._look_for_backs(shown[0], read[0])
+        looks = self._is_looked_at()
         numbers = [self._checked_seeds(of_frame, RENDER_MANY) for of_frame in seeds_of(frames, self.views, seeds)]
         resets = resets_of(frames, self.views, reset)
         self._prepare_many(frames)
@@ -310,6 +314,8 @@ class Batch(BatchResults):
                     self.transforms.replace(instance, values)
                 self._render(read[index], sample_count, numbers[index], resets[index], clears_cache and index == 0)
                 many = self._copy_results(index, frames, names)
+        if looks:
+            self._look_for_backs(shown[-1], read[-1])
         return many
 
     def _prepare_many(self, frames: int) -> None:

@@ -47,6 +47,8 @@ class BackSides:
 
         Call it after the frame was submitted: a look updates the binder, which ends what frames know of previous ones.
         """
+        if self._has_warned:  # of another view of the frame
+            return
         revision = scene.scene_revision if isinstance(scene, SceneBinder) else 0
         # A transform is another array once it is assigned.
         others = camera.vertical_fov, revision

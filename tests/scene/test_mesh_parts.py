@@ -162,7 +162,14 @@ def test_line_ends_and_byte_order_marks(tmp_path, end, mark):
 
 @pytest.mark.parametrize(
     "faces",
-    ["f 1 2 \\\n3 4", "  f 1 2 3 4", "\tf 1 2 3 4 # red", "# C:\\parts\\\nf 1 2 3 4", "f 1/1 2/1 3/1 \\ \n 4/1#"],
+    [
+        "f 1 2 \\\n3 4",
+        "f 1 2 3 4 \\",
+        "  f 1 2 3 4",
+        "\tf 1 2 3 4 # red",
+        "# C:\\parts\\\nf 1 2 3 4",
+        "f 1/1 2/1 3/1 \\ \n 4/1#",
+    ],
 )
 def test_lines_of_obj_may_be_continued_indented_and_commented(tmp_path, faces):
     corners = "".join(f"v {corner}\n" for corner in CORNERS)
@@ -181,9 +188,10 @@ def test_numbers_of_corners_that_are_none(tmp_path, corner):
 
 
 def test_lines_of_obj_are_warned_of_and_faces_without_area_refused(tmp_path):
-    (tmp_path / "a.obj").write_text("v 0 0 0\nv 0 4 0\nf 1 2\n")
-    with pytest.raises(SolariError, match="has faces that can't be read"):
-        sv.load(tmp_path / "a.obj")
+    for face in ("f 1 2", "f 1", "f"):
+        (tmp_path / "a.obj").write_text(f"v 0 0 0\nv 0 4 0\n{face}\n")
+        with pytest.raises(SolariError, match="has faces that can't be read"):
+            sv.load(tmp_path / "a.obj")
     (tmp_path / "a.obj").write_text("v 0 0 0\nv 0 4 0\nl 1 2\n")
     assert sv.load(tmp_path / "a.obj").warnings[0] == "lines are left out, and only points are drawn"
 

@@ -60,7 +60,7 @@ def triangulated_obj(data: bytes, who: str) -> bytes:
     charge(0, who, "its polygons", working=_BYTES_PER_LINE * data.count(b"\n") + _BYTES_PER_WORD * data.count(b" "))
     lines = list(_FACE.finditer(data))
     faces = [line[1].split() for line in lines]
-    counts = np.array([len(face) for face in faces])
+    counts = np.array([len(face) for face in faces], np.int64)
     is_changed = (counts < 3) | (counts > 4)
     if any(b"-" in line[1] for line in lines):
         starts = [
