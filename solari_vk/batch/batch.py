@@ -227,7 +227,9 @@ class Batch(BatchResults):
     def _is_looked_at(self) -> bool:
         """Whether to look at the next frame."""
         # Where worlds have scenes of their own, each look takes the first one to the device again.
-        return self._back_sides.is_due() and not (self.binder.has_many_scenes and self._rendered)
+        is_later_scene = self.binder.has_many_scenes and self._rendered
+        # A look waits for the device, and so for the streams in which tensors are computed.
+        return self._back_sides.is_due() and not is_later_scene and not self.binder.tensors.is_used
 
     def _look_for_backs(self, cameras: Any, read: view_cameras.ViewCameras) -> None:
         """Warn if one of the first views looks through the backs of surfaces."""

@@ -48,6 +48,8 @@ class TensorPort:
     """Accepts tensors, writes them where shaders and rays read them, and says which ones were wrong."""
 
     def __init__(self, device: Device) -> None:
+        self.is_used = False
+        """Whether the device has read a tensor."""
         self._device = device
         self._kernels: dict[str, Kernel] = {}
         self._refusals: Buffer | None = None  # in memory that the host sees
@@ -119,6 +121,7 @@ class TensorPort:
 
     def source(self, tensor: DeviceTensor) -> dict[str, Any]:
         """The push constants that name a tensor. The shader reads one address as floats or as doubles."""
+        self.is_used = True
         return {"floats": tensor.address, "doubles": tensor.address, "is_double": tensor.dtype == np.float64}
 
     def matrices(self, tensor: DeviceTensor, count: int) -> dict[str, Any]:
