@@ -102,8 +102,8 @@ def text_lines(data: bytes, who: str) -> Iterator[tuple[int, str]]:
 
 
 def followed(path: Path) -> Path:
-    """The path to write for one that the user named: where its links lead. Raises SolariError for a link that somebody
-    else put into a folder in which others can write."""
+    """The path to write where the user named `path`: what its links lead to. Raises SolariError for a link of another
+    user in a folder to which others can write."""
     try:
         for _ in range(_MAX_LINKS):
             if not path.is_symlink():

@@ -85,7 +85,7 @@ def _open(path: Path, flags: int) -> int | None:
 
 
 def _take(path: Path, file: int, *, is_new: bool) -> bool:
-    """Lock a new file, or remove one whose process is dead. Returns whether it is the first; otherwise it is closed."""
+    """Lock a new file, or remove one whose process is dead. Returns whether a new file is locked; else it is closed."""
     is_taken = False
     try:
         if not is_new and not _is_lock_file(file):

@@ -25,9 +25,9 @@ class BackSides:
     def __init__(self, device: Device) -> None:
         self._device = device
         self._has_warned = False
-        # What the latest look was at.
+        # The view of the latest look: the camera's transform; its field of view, and the scene's revision.
         self._transform: Any = None
-        self._others = 0.0, 0
+        self._view_key = 0.0, 0
         self._looks = 0
         self._frames = 0
         self._next_look = 0
@@ -50,18 +50,19 @@ class BackSides:
         if self._has_warned:  # of another view of the frame
             return
         revision = scene.scene_revision if isinstance(scene, SceneBinder) else 0
-        # A transform is another array once it is assigned.
-        others = camera.vertical_fov, revision
-        if camera.transform is self._transform and others == self._others:
+        view_key = camera.vertical_fov, revision
+        # Assigning a transform makes a new array, so that an unchanged one is the same object.
+        if camera.transform is self._transform and view_key == self._view_key:
             return
-        self._transform, self._others = camera.transform, others
+        self._transform = camera.transform
+        self._view_key = view_key
         self._looks += 1
         self._next_look = self._frames + FRAMES_APART
         instances = (scene if isinstance(scene, Scene) else scene.scene).instances
         if any(instance.visible and instance.material.hides_back for instance in instances):
-            self._judge(scene, camera, size)
+            self._warn_if_most_is_hidden(scene, camera, size)
 
-    def _judge(self, scene: Scene | SceneBinder, camera: Camera, size: tuple[int, int]) -> None:
+    def _warn_if_most_is_hidden(self, scene: Scene | SceneBinder, camera: Camera, size: tuple[int, int]) -> None:
         # Pixels are counted from the middle of the first one.
         x, y = ((np.arange(SIDE) + 0.5) * side / SIDE - 0.5 for side in size)
         pixels = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
