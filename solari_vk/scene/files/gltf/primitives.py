@@ -264,6 +264,10 @@ class Primitives:
             uvs = names[0]
         if uvs not in vertices:
             return vertices, triangles, 0
+        if normals is None and ("targets" in vertices or "joints" in vertices):
+            # Flat normals are those of triangles in their pose (glTF 2.0, 3.7.2.2), and so are tangents: shaders
+            # compute both.
+            return vertices, triangles, 0
         if normals is None:  # flat shading: every corner has the normal of its triangle
             vertices = {attribute: values[triangles.reshape(-1)] for attribute, values in vertices.items()}
             normals = np.repeat(unit(cross), 3, axis=0).astype(np.float32)
