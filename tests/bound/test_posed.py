@@ -13,7 +13,6 @@ from support.scenes import bent_joints, tube
 
 import solari_vk as sv
 from solari_vk.base.errors import SolariError
-from solari_vk.bound import scene_records
 from solari_vk.bound.binder import SceneBinder
 from solari_vk.scene.meshes.deformation import Deformation
 
@@ -191,17 +190,17 @@ def test_edits_of_posed_meshes(bound):
     assert not binder.triangle_orders
 
 
-def test_an_update_that_fails_keeps_no_pose(bound, monkeypatch):
-    """Of an instance for which there is no room, and which then leaves the scene."""
+def test_an_update_that_fails_keeps_no_pose(bound):
+    """Of an instance that leaves the scene after an edit of its second mesh, which the pose doesn't fit any more."""
     binder = bound(sv.Instance(tube()[0]))
     binder.update()
-    mesh, rest = tube()
-    instance = sv.Instance(mesh, joint_matrices=bent_joints(rest, 0.2))
-    with monkeypatch.context() as full:
-        full.setattr(scene_records, "MAX_INSTANCES", 1)
-        binder.scene.add(instance)
-        with pytest.raises(SolariError, match="more than 1 instances"):
-            binder.update()
+    (mesh, rest), (longer, _) = tube(3), tube(5)
+    ray_mesh = tube(3)[0]
+    instance = sv.Instance(mesh, ray_mesh=ray_mesh, joint_matrices=bent_joints(rest, 0.2))
+    ray_mesh.deformation = longer.deformation
+    binder.scene.add(instance)
+    with pytest.raises(SolariError, match="joint_matrices has 3 matrices, but the mesh has 5 joints"):
+        binder.update()
     binder.scene.remove(instance)
     binder.update()
     assert not binder.assets.geometry._posed_meshes
