@@ -34,7 +34,8 @@ def test_points_are_spheres(writer):
     icosahedron = 2.53615  # the volume in the unit sphere
     assert outward_volume(mesh) == pytest.approx(4 * icosahedron * radius**3, rel=1e-3)
     assert scene.warnings == [
-        "points are drawn as spheres with a radius of at most 1/400 of their primitive's size: mesh 0, primitive 0"
+        "points are drawn as spheres with a radius of at most 1/400 of their primitive's size (thinner than a pixel "
+        "they break up in realtime frames in motion: render these larger, or by the path tracer): mesh 0, primitive 0"
     ]
 
 
@@ -64,7 +65,10 @@ def test_lines_are_tubes_with_round_ends(writer, mode, lines, indexed):
         assert ((area * outside).sum(axis=1) > 0).all(), "fronts are outside"
         assert np.linalg.norm(area, axis=1).sum() == pytest.approx(6 * radius * np.linalg.norm(b - a), rel=1e-3)
         np.testing.assert_allclose(mesh.colors[tube[0, 0]], COLORS[start])
-    assert scene.warnings[0].startswith("lines are drawn as tubes with a radius of 1/1000 of their primitive's size: ")
+    assert scene.warnings == [
+        "lines are drawn as tubes with a radius of 1/1000 of their primitive's size (thinner than a pixel "
+        "they break up in realtime frames in motion: render these larger, or by the path tracer): mesh 0, primitive 0"
+    ]
 
 
 def test_spheres_follow_skins_and_morph_targets(writer):

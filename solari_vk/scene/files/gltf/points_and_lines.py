@@ -13,8 +13,16 @@ from solari_vk.scene.files.gltf.values import Entry
 from solari_vk.scene.matrices import orthogonal, unit
 
 POINT_RADIUS, LINE_RADIUS = 1 / 400, 1 / 1000  # of the diagonal of the primitive's bounds
+# A frame has one ray a pixel, at a place that changes, and history is kept only where the next frame finds it again.
+_IN_MOTION = (
+    "thinner than a pixel they break up in realtime frames in motion: render these larger, or by the path tracer"
+)
 DRAWN_POINTS = (
-    f"points are drawn as spheres with a radius of at most 1/{1 / POINT_RADIUS:.0f} of their primitive's size"
+    f"points are drawn as spheres with a radius of at most 1/{1 / POINT_RADIUS:.0f} of their primitive's size "
+    f"({_IN_MOTION})"
+)
+DRAWN_LINES = (
+    f"lines are drawn as tubes with a radius of 1/{1 / LINE_RADIUS:.0f} of their primitive's size ({_IN_MOTION})"
 )
 _RADIUS_OF_ONE = 0.01  # in meters, of points that are all at one place
 _MOST_POINTS, _MOST_LINES = 2**18, 2**17  # further ones are thinned out

@@ -14,7 +14,7 @@ from solari_vk.scene import checks
 from solari_vk.scene.files.gltf.accessors import Accessors
 from solari_vk.scene.files.gltf.deform import Vertices, deformation_of, read_joints, read_targets
 from solari_vk.scene.files.gltf.draco import DracoMeshes
-from solari_vk.scene.files.gltf.points_and_lines import DRAWN_POINTS, LINE_RADIUS, with_surface
+from solari_vk.scene.files.gltf.points_and_lines import DRAWN_LINES, DRAWN_POINTS, with_surface
 from solari_vk.scene.files.gltf.report import Report
 from solari_vk.scene.files.gltf.values import Entry, WholeFileError
 from solari_vk.scene.material import TEXTURES
@@ -26,7 +26,6 @@ from solari_vk.scene.model import Material, Mesh, Texture
 # glTF 2.0, 5.24 (Mesh.Primitive): 0 are points, 1 to 3 lines, their loops and strips, 4 to 6 triangles.
 _TRIANGLES = 4
 _TRIANGLE_FAN = 6
-_DRAWN_LINES = f"lines are drawn as tubes with a radius of 1/{1 / LINE_RADIUS:.0f} of their primitive's size"
 WRONG_PRIMITIVES = "primitives with wrong data are left out"
 _WORKING_BYTES = 300  # a triangle, for its area and tangents
 _HARMLESS = ("KHR_materials_variants", "KHR_draco_mesh_compression", "KHR_xmp_json_ld")
@@ -213,7 +212,7 @@ class Primitives:
         self, primitive: Entry, mode: int, vertices: Vertices, corners: NDArray[np.uint32]
     ) -> tuple[Vertices, NDArray[np.uint32]]:
         """Vertices and triangles of points and lines."""
-        self._report.add(DRAWN_POINTS if mode == 0 else _DRAWN_LINES, primitive.place)
+        self._report.add(DRAWN_POINTS if mode == 0 else DRAWN_LINES, primitive.place)
         vertices, triangles, step = with_surface(vertices, corners, mode, primitive)
         if step > 1:
             self._report.add(f"only one of {step} points or lines is drawn", primitive.place)
