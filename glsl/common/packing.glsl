@@ -33,6 +33,25 @@ float unpack_positive(uint bits, uint bit_count) {
     return uintBitsToFloat((bits & ((1u << bit_count) - 1u)) << (31u - bit_count));
 }
 
+// ---- colors ------------------------------------------------------------------------------------------
+
+// Eight bits a channel with a shared exponent (RGBE), that of the largest channel, which is scaled to between 127.5 and
+// 255, so that the dither of less than 1 doesn't overflow. Exponents below 8 would make a scale denormal. random: 30
+// bits, for stochastic rounding.
+uint pack_color(vec3 color, uint random) {
+    color = clamp(color, 0.0, LARGEST_PACKED);
+    uint exponent = max(floatBitsToUint(max_component(color)) >> 23u, 8u);
+    float scale = 255.0 / 256.0 * uintBitsToFloat(261u - exponent << 23u);
+    vec3 dither = vec3(ivec3(int(random), int(random >> 10u), int(random >> 20u)) & 0x3FF) / 1024.0;
+    uvec3 codes = uvec3(ivec3(color * scale + dither));
+    return codes.r | codes.g << 8u | codes.b << 16u | exponent << 24u;
+}
+
+vec3 unpack_color(uint bits) {
+    float scale = 256.0 / 255.0 * uintBitsToFloat((bits >> 24u) - 7u << 23u);
+    return scale * vec3(ivec3(int(bits), int(bits >> 8u), int(bits >> 16u)) & 0xFF);
+}
+
 // ---- unit vectors -----------------------------------------------------------------------------------
 
 vec2 octahedral_wrap(vec2 v) {

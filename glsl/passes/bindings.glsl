@@ -34,8 +34,12 @@ layout(set = 1, rg16f) uniform image2D motion_vectors;  // previous frame's uv m
 struct PreviousInstance {
     mat4x3 world_from_object;
     uint id;  // Instance.id in that frame; when it differs now, the row belongs to another instance
+    uint material;
+    float opacity;  // of the material: opacity_of
 };
 layout(set = 1, scalar) buffer PreviousInstancesBlock { PreviousInstance at[]; } previous_instances;
+// After a frame, when previous_instances has its own: those of the frame before.
+layout(set = 1, scalar) buffer OlderInstancesBlock { PreviousInstance at[]; } older_instances;
 
 // ---- lights -----------------------------------------------------------------------------------------
 

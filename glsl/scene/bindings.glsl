@@ -115,6 +115,11 @@ struct LightNode {
 layout(set = 0, scalar) readonly buffer InstancesBlock { Instance at[]; } instances;
 layout(set = 0, scalar) readonly buffer MeshesBlock { Mesh at[]; } meshes;
 layout(set = 0, scalar) readonly buffer MaterialsBlock { Material at[]; } materials;
+
+// How much of what is behind it a surface covers, but for textures: the alpha of blended materials, else -1.
+float opacity_of(uint material) {
+    return (materials.at[material].flags & MATERIAL_BLEND) != 0u ? materials.at[material].alpha : -1.0;
+}
 layout(set = 0, scalar) readonly buffer TexturesBlock { Texture at[]; } textures;
 layout(set = 0, scalar) readonly buffer LightSourcesBlock { LightSource at[]; } light_sources;
 layout(set = 0, scalar) readonly buffer LightLeavesBlock { LightLeaf at[]; } light_leaves;

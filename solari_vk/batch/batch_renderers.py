@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -13,7 +14,7 @@ from solari_vk.batch.view_buffer import ViewBuffer, sample_fields
 from solari_vk.batch.view_cameras import ViewCameras
 from solari_vk.batch.worlds import Worlds
 from solari_vk.bound.binder import SceneBinder
-from solari_vk.bound.lights.index_translation import CHANGE_DECAY, MIN_CHANGE
+from solari_vk.bound.lights.index_translation import CHANGE_DECAY, EDITED_LOOKS, MIN_CHANGE
 from solari_vk.gpu.device.buffer import Buffer
 from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.frame.frame import Stage
@@ -106,7 +107,7 @@ class BatchRenderer(Renderer):
         self._camera_jitter = np.zeros((count, 2))  # of the latest frame's cameras
         self._shifts = np.zeros((2, 2, count))  # their jitter and principal_shift, as x and y in rendered pixels
         self._jitter_begins = np.zeros(count, np.int64)  # where each view begins in the sequence of jitter
-        self._blended_before = np.zeros(1, np.int64)
+        self._blended_before = self._looks_before = np.zeros(1, np.int64)
         # Made before the frame that reads them, and freed here if that can't be made: `_owned` doesn't exist yet.
         owned: list[ViewBuffer | Buffer] = []
         try:
@@ -200,14 +201,15 @@ class BatchRenderer(Renderer):
         if self._change.any() or not self._changes.is_still:
             change = self._change * CHANGE_DECAY
             change[change <= MIN_CHANGE] = 0.0
-            newest = np.repeat(self._changes.newest, len(change) // len(self._changes.newest))
-            self._change = np.where(reset, 0.0, np.maximum(change, newest))
-        blended = self._worlds.blended_changes != self._blended_before
+            self._change = np.where(reset, 0.0, np.maximum(change, self._of_views(self._changes.newest)))
+        blended = self._of_views(self._worlds.blended_changes != self._blended_before)
+        looks = self._of_views(self._worlds.look_changes != self._looks_before)
+        expected = np.maximum(self._of_views(self._changes.newest), EDITED_LOOKS * looks)
         # In most frames of a batch only transforms and jitter change, which `upload_frame` uploads.
         sources = cameras.records, cameras.jitter, seeds, self._change, self._camera_jitter, self._offsets
         size = self._built_render_size
-        if views.must_write(sources, (size, *self._worlds.assignment_key, blended.tobytes())):
-            self._write_records(cameras, seeds, blended)
+        if views.must_write(sources, (size, *self._worlds.assignment_key, blended.tobytes(), expected.tobytes())):
+            self._write_records(cameras, seeds, {"blended_changed": blended, "expected_change": expected})
         offsets = np.zeros((2, 1))
         if self.settings.jitter:
             offsets = self._offsets[:, self.frame_count % len(self._jitters) :].take(self._jitter_begins, axis=1)
@@ -216,8 +218,12 @@ class BatchRenderer(Renderer):
         self._camera_jitter = cameras.jitter
         views.upload_frame(cameras, reset, self.frame_count & 0xFFFFFFFF)
 
-    def _write_records(self, cameras: ViewCameras, seeds: NDArray[np.uint32], blended: NDArray[np.bool_]) -> None:
-        """Write what changes seldom. blended: whether blended instances of each world, or of all, have changed."""
+    def _of_views(self, values: NDArray[Any]) -> NDArray[Any]:
+        """Values of each world, or one of all, for each view."""
+        return np.repeat(values, len(self._change) // len(values))
+
+    def _write_records(self, cameras: ViewCameras, seeds: NDArray[np.uint32], edits: Mapping[str, Any]) -> None:
+        """Write what changes seldom. edits: what FrameValues says of edits of the scenes."""
         views = self.views
         size = self._built_render_size
         samples = sample_fields(cameras, self.size, size, self.frame_count, seeds)
@@ -227,7 +233,8 @@ class BatchRenderer(Renderer):
         frame["seed"] = seeds
         frame["exposure"] = cameras.exposure
         frame["lighting_change"] = self._change
-        frame["blended_changed"] = np.repeat(blended, len(frame) // len(blended))
+        for name, values in edits.items():
+            frame[name] = values
         frame["user_jitter_change"] = cameras.jitter - self._camera_jitter
         shifts = cameras.jitter * np.divide(size, self.size), samples["principal_shift"]
         self._shifts = np.array([shift.T for shift in shifts], order="C")
@@ -243,6 +250,7 @@ class BatchRenderer(Renderer):
         change = self._changes.change.max()
         self._all_views.write(self.frame_count & 0xFFFFFFFF, self.seed, keeps_cache, 0.0, change)
         self._blended_before = self._worlds.blended_changes
+        self._looks_before = self._worlds.look_changes
 
     def picture_of(self, values: NDArray[Any]) -> NDArray[Any]:
         """The pictures (N, height, width, channels) of an image that has them in the grid."""

@@ -110,6 +110,11 @@ class Worlds:
         return np.array([records.blended_changes for records in self._binder.listed_records])
 
     @property
+    def look_changes(self) -> NDArray[np.int64]:
+        """The number of edits of looks so far, as SceneRecords counts them, of each world (W,) or of all (1,)."""
+        return np.array([records.look_changes for records in self._binder.listed_records])
+
+    @property
     def light_states(self) -> list[LightState] | None:
         """What is known of the lights of each world; None where all have the scene's."""
         return self._lights.states if self._lights.tables else None
@@ -179,6 +184,8 @@ class Worlds:
         overrides.forget_removed()
         moved = overrides.transforms.changed
         has_new_surfaces = is_new or bool(overrides.materials.changed)
+        if overrides.materials.changed:
+            self._binder.records.look_changes += 1
         if has_new_surfaces:
             self._overridden_instances.follow_materials(overrides)
         if any(map(self._overridden_instances.is_blended, moved)):

@@ -116,6 +116,11 @@ class SceneBinder:
         return self.records.blended_changes
 
     @property
+    def look_changes(self) -> int:
+        """The number of edits of materials, textures and environments of the first scene so far."""
+        return self.records.look_changes
+
+    @property
     def instance_capacity(self) -> int:
         """The number of rows of a world in the shaders' `instances`."""
         return max(records.instance_capacity for records in self._all_records)

@@ -97,6 +97,11 @@ class MaterialTable:
             self._follow_textures(material)
         return self.rows.users(material)
 
+    def was_blended(self, material: Material) -> bool:
+        """Whether a material was blended, or a wall of glass, when its record was written."""
+        blended = MATERIAL_BLEND | MATERIAL_WALL
+        return material in self._written and bool(self.table.records["flags"][self.rows[material]] & blended)
+
     def users_of(self, asset: Observable) -> list[Instance]:
         """The instances that use a material, a texture or an image."""
         if isinstance(asset, Material):

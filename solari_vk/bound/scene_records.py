@@ -19,6 +19,7 @@ from solari_vk.bound.table import MakeTable, RowAllocator
 from solari_vk.bound.traced_instances import TracedRecords
 from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.tensors.imports import DeviceTensor
+from solari_vk.scene.lights.environment import EnvironmentLight
 from solari_vk.scene.matrices import placed_box
 from solari_vk.scene.model import Camera, Instance, Light, Material, Mesh, Scene, Texture, TextureImage
 from solari_vk.scene.observable import Observable
@@ -52,6 +53,8 @@ class SceneRecords:
         """Counts the changes that may concern the list of lights. What a material emits isn't among them."""
         self.blended_changes = 0
         """Counts the changes of blended instances."""
+        self.look_changes = 0
+        """Counts the edits of materials, textures and environments, which may change what still surfaces look like."""
         self._assets = assets
         self._geometry = assets.geometry
         # The meshes that raster and rays see of each instance, and its material.
@@ -144,12 +147,16 @@ class SceneRecords:
         before = self._uses.get(instance)
         self._records_change = True
         self._follow_instance(instance)
+        if before is not None and before[2] is not instance.material:
+            self.look_changes += 1
         if self.lights.index(instance) is not None or self._uses.get(instance) != before:
             self.light_revision += 1
 
     def _apply_light(self, light: Light) -> None:
         self.light_revision += 1
         self._records_change = True
+        if isinstance(light, EnvironmentLight):
+            self.look_changes += 1
         present = light in self.scene.lights
         if present:
             self._assets.features.add_of(light)
@@ -167,7 +174,11 @@ class SceneRecords:
         self._assets.features.add_of(camera)
 
     def _apply_material(self, material: Material) -> None:
+        self.look_changes += 1
+        was_blended = self._assets.materials.was_blended(material)
         users = self._assets.materials.mark_changed(material)
+        if was_blended or any(instance.alpha_mode == "blend" for instance in users):
+            self.blended_changes += 1
         # A light's record depends on what an emitter emits, and worlds of a batch have this material for instances that
         # have another one in the scene. Else records say how rays meet an instance, which most edits leave as it is:
         # no structure is built then.
@@ -201,6 +212,7 @@ class SceneRecords:
         self._apply_texels(image)
 
     def _apply_texels(self, item: Texture | TextureImage) -> None:
+        self.look_changes += 1
         self._assets.textures.mark_changed(item)
         emitters = self.emissions.drop_edited(item)
         self._records_change |= len(emitters) > 0  # worlds of a batch have emitters of their own

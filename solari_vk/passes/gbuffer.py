@@ -75,9 +75,10 @@ def last_stage(instance_capacity: int) -> Stage:
     """Stores the transforms of this frame for the motion vectors of the next. It is the last stage, because all others
     need those of the previous frame.
 
-    Outputs: `previous_instances`.
+    Inputs: `previous_instances`. Outputs: `previous_instances`, `older_instances`.
     """
-    return Stage("remember", passes=[Pass("gbuffer/remember_instances", threads=instance_capacity)])
+    older = {"older_instances": instance_capacity}
+    return Stage("remember", buffers=older, passes=[Pass("gbuffer/remember_instances", threads=instance_capacity)])
 
 
 def _raster_buffers(instance_capacity: int, levels: list[tuple[int, int]]) -> dict[str, int]:

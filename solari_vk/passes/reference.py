@@ -80,17 +80,20 @@ def trace_stage(size: tuple[int, int], rows: int, settings: Settings, shader: st
     )
 
 
-def aov_stage(size: tuple[int, int], rows: int, shader: str = "aov") -> Stage:
+def aov_stage(size: tuple[int, int], rows: int, shader: str = "aov", has_motion: bool = False) -> Stage:
     """The surface at the center of every pixel, by a ray or, with the shader "raster_aov", of the triangle that raster
-    has found.
+    has found. has_motion: its motion instead, since the frame that `previous_instances` and `previous_camera` are of.
 
     Inputs: with "raster_aov" `raster_triangles`, `depth`. Outputs: `aov_*`.
     """
     pixels = size[0] * size[1]
+    buffers = {f"aov_{name}": 1 if has_motion else pixels for name in FIRST_HITS}
+    buffers["aov_motion_vectors"] = pixels if has_motion else 1
+    if not has_motion:
+        buffers["previous_instances"] = 1  # which the shader names, and doesn't read
+    constants = {"has_motion": has_motion}
     return Stage(
-        "aov",
-        buffers={f"aov_{name}": pixels for name in FIRST_HITS},
-        passes=[Pass(f"reference/{shader}", threads=(size[0], rows))],
+        "aov", buffers=buffers, passes=[Pass(f"reference/{shader}", threads=(size[0], rows), constants=constants)]
     )
 
 

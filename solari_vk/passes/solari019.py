@@ -6,7 +6,7 @@ posts on Solari in Bevy 0.17, 0.18 and 0.19.
 
 from __future__ import annotations
 
-from solari_vk.gpu.frame.stages import Pass, Stage
+from solari_vk.gpu.frame.stages import Aliased, Pass, Stage
 from solari_vk.passes import world_cache
 from solari_vk.settings import Settings
 from solari_vk.settings.layering import brdf_constants
@@ -115,8 +115,10 @@ def demodulate(size: tuple[int, int], settings: Settings) -> Stage:
     Inputs: `gbuffer*`, `depth`, `di_diffuse`, `di_specular`, `gi_diffuse`, `specular_gi*`, `*_table`,
     `brdf_averages`. Outputs: `paths_diffuse`, `paths_specular`.
     """
+    pixels = size[0] * size[1]
     return Stage(
         "demodulate",
-        buffers=dict.fromkeys(("paths_diffuse", "paths_specular"), size[0] * size[1]),
+        # The reservoirs have been read by then.
+        buffers={"paths_diffuse": pixels, "paths_specular": Aliased("gi_temporal_reservoirs", pixels)},
         passes=[Pass("solari019/demodulate", threads=size, constants=brdf_constants(settings))],
     )

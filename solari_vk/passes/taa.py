@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from solari_vk.gpu.frame.stages import History, Pass, Stage
+from solari_vk.gpu.frame.stages import Aliased, History, Pass, Stage
+from solari_vk.gpu.shaders.headers import constants
 from solari_vk.settings import Settings
 
 Size = tuple[int, int]
+CELL_SIZE = 4  # width in rendered pixels of a cell whose samples are compared with those of the previous frame
 
 
 def render_size(size: Size, settings: Settings) -> Size:
@@ -19,14 +21,38 @@ def jitter_count(settings: Settings) -> int:
     return round(32 * settings.upscale**2)
 
 
-def stage(size: Size) -> Stage:
-    """Makes `radiance` of this size from `sample_radiance`. With antialiasing=off it copies or interpolates it.
+def stage(size: Size, rendered: Size, grid: Size = (1, 1)) -> Stage:
+    """Makes `radiance` of this size from `sample_radiance` of the size `rendered`. With antialiasing=off it copies or
+    interpolates it. grid: columns and rows of views.
 
     Inputs: `sample_radiance`, `depth`, `gbuffer_surface`, `guides_*`, `previous_*`. Outputs: `radiance`;
-    for the next frame `taa_history`, and in an exposure the mean so far, `radiance`.
+    for the next frame `taa_history`, `taa_samples`, and in an exposure the mean so far, `radiance`.
     """
     # Yang et al., "A Survey of Temporal Antialiasing Techniques" (2020).
     pixels = size[0] * size[1]
+    # Each view has cells of its own.
+    columns, rows = (count * -(-side // count // CELL_SIZE) for side, count in zip(rendered, grid, strict=True))
+    # An element takes less memory than this history of four pixels, whose frame is over by then; but views of a few
+    # pixels have more cells than that.
+    cells = columns * rows
+    changes = Aliased("previous_denoise_diffuse", cells) if 4 * cells <= rendered[0] * rendered[1] else cells
     return Stage(
-        "taa", buffers={"taa_history": History(pixels), "radiance": pixels}, passes=[Pass("taa/resolve", threads=size)]
+        "taa",
+        buffers={
+            "taa_history": History(pixels),
+            "radiance": pixels,
+            "taa_samples": History(rendered[0] * rendered[1]),
+            "taa_changes": changes,
+            "taa_confidence": cells,
+        },
+        passes=[
+            Pass("taa/change", threads=(columns, rows)),
+            Pass("taa/confidence", threads=(columns, rows)),
+            Pass("taa/resolve", threads=size),
+        ],
     )
+
+
+def glsl_header() -> str:
+    """`const uint CELL_SIZE = 4u;`"""
+    return constants(CELL_SIZE=CELL_SIZE)

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from solari_vk.bound.binder import SceneBinder
 from solari_vk.bound.projection import JITTERS, CameraUniforms, Projection
+from solari_vk.gpu.device.buffer import Buffer
 from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.frame.frame import Frame
 from solari_vk.gpu.tensors.exports import CudaTensor
@@ -38,6 +39,8 @@ class FirstHitReader:
         self._frame: Frame | None = None
         self._built: tuple[Any, ...] = ()  # what the frame was built for
         self._computed_for: tuple[Any, ...] = ()  # the binder's revision and the camera that its buffers show
+        self._motion: Frame | None = None
+        self._motion_built: tuple[Any, ...] = ()
 
     def read(self, name: str, projection: Projection, size: tuple[int, int], proxies: bool = True) -> NDArray[Any]:
         """One of first_hits.FIRST_HITS, (height, width[, channels])."""
@@ -49,6 +52,34 @@ class FirstHitReader:
         """What `read` returns, as a tensor that stays on the device; see `RenderedFrame.tensor`."""
         values = self._frame_at(projection, size, (0.0, 0.0), proxies).tensor(f"aov_{name}")
         return values.reshape(size[1], size[0], *values.shape[1:])
+
+    def motion(
+        self,
+        projections: tuple[Projection, Projection],
+        sizes: tuple[tuple[int, int], tuple[int, int]],
+        instances: Buffer,
+        proxies: bool,
+    ) -> Frame:
+        """A frame whose buffer `aov_motion_vectors` has the motion at the centers of the rendered pixels.
+
+        projections: the frame's, and that of the frame before. sizes: of the picture, and of what is rendered.
+        instances: the transforms of the frame before.
+        """
+        size, rendered = sizes
+        rows = reference.max_rows(rendered)
+        built = self._build_key(rendered, proxies)
+        if self._motion is None or built != self._motion_built:
+            if self._motion is not None:
+                self._motion.close()
+            self._motion = self._made(rendered, rows, built[-1], {"previous_instances": instances})
+            self._motion_built = built
+        frame = self._motion
+        frame.bind({"previous_instances": instances})
+        camera = CameraUniforms(frame.uniforms)
+        camera.write_projection(projections[1], size, render_size=rendered)
+        camera.write_projection(projections[0], size, render_size=rendered, has_history=True)
+        self._submit(frame, rendered, rows)
+        return frame
 
     def read_means(self, names: Sequence[str], projection: Projection, size: tuple[int, int]) -> list[NDArray[Any]]:
         """Means over the area of each pixel, (height, width[, channels]) each, with proxies."""
@@ -77,34 +108,44 @@ class FirstHitReader:
     ) -> Frame:
         """A frame whose buffers have the results at an offset from the pixels' centers, in pixels."""
         rows = reference.max_rows(size)
-        # Raster is needed where instances have a mesh for rays that isn't the one that pictures show.
-        rasters = not proxies and gbuffer.PROXIES in self._binder.features
-        built = self._binder.bindings_version, self._binder.instance_capacity, size, rasters
+        built = self._build_key(size, proxies)
         if self._frame is None or built != self._built:
             self.close()
-            external = {**self._binder.resources, **self._lookup_tables}
-            stages = [reference.aov_stage(size, rows, "raster_aov" if rasters else "aov")]
-            if rasters:
-                stages.insert(0, gbuffer.raster_stage(size, self._binder.instance_capacity))
-            self._frame = Frame(self._device, stages, external=external, features=self._binder.features)
+            self._frame = self._made(size, rows, built[-1])
             self._built = built
         # All outputs of a view are computed together, and read one by one.
-        view = self._binder.scene_revision, projection[1:], offset
+        view = self._binder.scene_revision, projection.view, offset
         if view != self._computed_for:
-            uniforms = self._frame.uniforms
-            CameraUniforms(uniforms).write_projection(projection, size, offset)
-            uniforms["path_sampling.row_count"] = rows
-            for row in range(0, size[1], rows):
-                uniforms["path_sampling.first_row"] = row
-                self._frame.submit()
+            CameraUniforms(self._frame.uniforms).write_projection(projection, size, offset)
+            self._submit(self._frame, size, rows)
             self._computed_for = view
         return self._frame
 
+    def _build_key(self, size: tuple[int, int], proxies: bool) -> tuple[Any, ...]:
+        # Raster is needed where instances have a mesh for rays that isn't the one that pictures show.
+        rasters = not proxies and gbuffer.PROXIES in self._binder.features
+        return self._binder.bindings_version, self._binder.instance_capacity, size, rasters
+
+    def _made(self, size: tuple[int, int], rows: int, rasters: bool, motion: Mapping[str, Any] | None = None) -> Frame:
+        """A frame that finds the surfaces; with what motion needs beside the scene, their motion."""
+        external = {**self._binder.resources, **self._lookup_tables, **(motion or {})}
+        stages = [reference.aov_stage(size, rows, "raster_aov" if rasters else "aov", motion is not None)]
+        if rasters:
+            stages.insert(0, gbuffer.raster_stage(size, self._binder.instance_capacity))
+        return Frame(self._device, stages, external=external, features=self._binder.features)
+
+    def _submit(self, frame: Frame, size: tuple[int, int], rows: int) -> None:
+        frame.uniforms["path_sampling.row_count"] = rows
+        for row in range(0, size[1], rows):
+            frame.uniforms["path_sampling.first_row"] = row
+            frame.submit()
+
     def close(self) -> None:
         """Free all memory on the device; the next `read` allocates it again."""
-        if self._frame is not None:
-            self._frame.close()
-        self._frame = None
+        for frame in (self._frame, self._motion):
+            if frame is not None:
+                frame.close()
+        self._frame = self._motion = None
         self._computed_for = ()
 
 

@@ -12,12 +12,12 @@ from numpy.typing import NDArray
 from solari_vk.base.errors import SolariError, checked_keywords, is_name, quoted, unknown_name
 from solari_vk.bound.binder import SceneBinder
 from solari_vk.bound.features import LOBES
-from solari_vk.bound.lights.index_translation import IndexTranslation
+from solari_vk.bound.lights.index_translation import EDITED_LOOKS, IndexTranslation
 from solari_vk.bound.lights.recent_changes import RecentChanges
 from solari_vk.bound.projection import SEED_STRIDE, CameraUniforms, Projection, jitters, lens_point
 from solari_vk.gpu.device.buffer import Buffer
 from solari_vk.gpu.device.device import Device
-from solari_vk.gpu.frame.frame import Stage
+from solari_vk.gpu.frame.frame import Frame, Stage
 from solari_vk.gpu.tensors.exports import CudaTensor
 from solari_vk.output.tone_mapping import TONEMAPS
 from solari_vk.passes import display, gbuffer, guides, lighting, solari019, taa
@@ -41,8 +41,8 @@ from solari_vk.settings import Settings, uniform_values
 
 # Fields of the uniform block.
 THIS_FRAME = (
-    "index", "seed", "has_history", "exposure", "lighting_change", "blended_changed", "sample_jitter",
-    "user_jitter_change", "shutter_state", "exposed_rows",
+    "index", "seed", "has_history", "exposure", "lighting_change", "expected_change", "blended_changed",
+    "sample_jitter", "user_jitter_change", "shutter_state", "exposed_rows",
 )  # fmt: skip
 # Parts of the radiance. The first ones are in every frame, the others depend on the lighting.
 RADIANCE_COMPONENTS = (*display.PARTS[:-1], "raw_radiance", "paths_diffuse", "paths_specular", *solari019.OUTPUTS)
@@ -108,7 +108,7 @@ class Renderer(RendererBase):
             self._callback_cameras = CallbackCameras()
             self._accumulation = ShutterAccumulation()
             self._has_history = False
-            self._blended_changes = 0  # the binder's count in the latest frame
+            self._edits = (0, 0)  # the binder's counts of changes of blended instances and of looks in the latest frame
             self._previous_jitter = (0.0, 0.0)  # the camera's own
             self._written_settings: tuple[Any, ...] = ()  # what the settings in the uniforms were written from
             self._light_translation = self._owned.enter_context(closing(IndexTranslation(device)))
@@ -143,11 +143,14 @@ class Renderer(RendererBase):
         """
         camera = self._camera_or_default(camera)
         if shutter is None and pose is None:
+            previous = self._motion[0] if self._motion and self._has_history else None
             projection, timeline_value = self._submit(camera, self._accumulation.after(self.size[1]))
             self._accumulation.end()
+            self._motion = projection, previous or projection
             frame = RenderedFrame(self, camera, projection, timeline_value)
         else:
             frame = self._render_exposed(camera, shutter, pose)
+            self._motion = None
         self._callback_cameras.remember(frame.camera, camera)
         return self._finish(frame, METERING_FRAMES)
 
@@ -211,7 +214,7 @@ class Renderer(RendererBase):
             gbuffer.stage(size, settings, instances, self.gbuffer, bool(LOBES & self.binder.features)),
             guides.stage(size, settings),
             *lighting.stages(size, settings, grid, self._world_count),
-            taa.stage(picture),
+            taa.stage(picture, size, grid),
             display.show_stage(picture, lighting.debug_view_pass(settings.lighting)),
             gbuffer.last_stage(instances),
         ]
@@ -242,7 +245,8 @@ class Renderer(RendererBase):
         # Most frames have the settings of the one before, whose uniforms then stay as they are.
         if seen != self._written_settings:
             if self._built != self._build_key():
-                self._rebuild()
+                with self._keeps_size(self._built[0]):
+                    self._rebuild()
             self._write_settings()
             self._written_settings = seen
         # Reservoirs and histories name lights by the previous frame's numbers, which are translated where they changed.
@@ -309,6 +313,7 @@ class Renderer(RendererBase):
             camera, self.size, offset, render_size=self._built_render_size, has_history=history, lens_offset=on_lens
         )
         (x, y), (previous_x, previous_y) = projection.jitter, self._previous_jitter
+        edits = self.binder.blended_changes, self.binder.look_changes
         shutter_state = (0, 0, 0) if shutter is None else (shutter.state, *shutter.rows)
         self._this_frame.write(
             self.frame_count & 0xFFFFFFFF,
@@ -316,7 +321,8 @@ class Renderer(RendererBase):
             history,
             projection.exposure,
             self._light_translation.changed_power,
-            self.binder.blended_changes != self._blended_changes,
+            max(self._light_translation.newest, EDITED_LOOKS if edits[1] != self._edits[1] else 0.0),
+            edits[0] != self._edits[0],
             *offset,
             x - previous_x,
             y - previous_y,
@@ -324,7 +330,7 @@ class Renderer(RendererBase):
         )
         self._frame.uniforms.update_declared(self._changed_lights.uniforms)
         self._previous_jitter = projection.jitter
-        self._blended_changes = self.binder.blended_changes
+        self._edits = edits
         self._has_history = True
         return projection
 
@@ -411,6 +417,8 @@ class Renderer(RendererBase):
                 return np.asarray(counters[counter])
         elif counter in gbuffer.COUNTERS and stage == "gbuffer":
             raise SolariError(f"Renderer: there is no '{name}': only gbuffer=raster counts drawn and culled instances")
+        if name == "guides_motion" and self._motion is not None:
+            return self._center_motion(self._built[0], self._built_render_size, Frame.__getitem__)
         resource = "depth" if name == "gbuffer_depth" else name.replace("/", "_")
         if not self._has(resource):
             lit = lighting.lighting_with(resource)
@@ -422,6 +430,8 @@ class Renderer(RendererBase):
         return by_pixel(self._frame[resource], self._result_sizes(resource))
 
     def tensor(self, name: str) -> NDArray[Any] | CudaTensor:
+        if name == "guides_motion" and self._motion is not None:
+            return self._center_motion(self._built[0], self._built_render_size, Frame.tensor)
         resource = name.replace("/", "_")
         if not self._has(resource):
             self.read(name)  # which says why

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import operator
 from abc import abstractmethod
-from collections.abc import Callable, Iterable
-from contextlib import ExitStack, closing
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import ExitStack, closing, contextmanager
 from typing import Any, ClassVar, Self, TypeVar
 
 import numpy as np
@@ -14,8 +14,9 @@ from numpy.typing import NDArray
 from solari_vk.base.errors import Hints, SolariError, quoted, unknown_attribute, warn
 from solari_vk.bound.binder import SceneBinder
 from solari_vk.bound.features import LENSES
+from solari_vk.bound.projection import Projection
 from solari_vk.gpu.device.device import Device
-from solari_vk.gpu.frame.frame import Row, Stage
+from solari_vk.gpu.frame.frame import Frame, Row, Stage
 from solari_vk.gpu.tensors.exports import CudaTensor
 from solari_vk.output.tone_mapping import auto_exposure
 from solari_vk.output.transparency import backdrop, premultiplied
@@ -57,6 +58,7 @@ class RendererBase(Hints):
     """The tone curve of saved pictures: "none", "reinhard", "aces" or "agx"."""
     _frame: SceneFrame
     _latest: RenderedFrame | None = None
+    _motion: tuple[Projection, Projection] | None = None  # realtime: of the latest two frames, without a shutter
     _closed = False
     _needs_traced_camera = False  # whether the latest camera has a lens model or an aperture, which raster can't draw
     _looked_for_light = False
@@ -214,6 +216,12 @@ class RendererBase(Hints):
             raise SolariError(
                 f"a transparent background: blurred edges have no alpha here, and {frame.camera.describe()} has {blurs}"
             )
+        moved = Projection.of(frame.camera, frame.size).view != frame._projection.view
+        if moved or self.size != frame.size:
+            changed = "camera" if moved else "size"
+            raise SolariError(
+                f"a transparent background: the {changed} has changed since the picture was rendered; render again"
+            )
         coverage = self.first_hits.read_coverage(frame._projection, self.size)
         # What is behind the surfaces is taken away in the share of each pixel that they leave open.
         environment = self.binder.scene.environment
@@ -293,6 +301,25 @@ class RendererBase(Hints):
         # The scene's own cameras are known to the binder; this one may be another.
         if camera.has_lens and LENSES not in self.binder.features:
             self.binder.mark_changed(camera)
+
+    def _center_motion(
+        self, size: tuple[int, int], rendered: tuple[int, int], read: Callable[[Frame, str], Values]
+    ) -> Values:
+        """The latest frame's motion at the centers of what was rendered, where depth and position are. The denoiser's
+        own image has that of the jittered samples. read: Frame.tensor, or what copies a result."""
+        assert self._motion is not None
+        instances = self._frame.resource("older_instances")
+        found = self.first_hits.motion(self._motion, (size, rendered), instances, self.gbuffer == "traced")
+        return by_pixel(read(found, "aov_motion_vectors"), [rendered])
+
+    @contextmanager
+    def _keeps_size(self, size: tuple[int, int]) -> Iterator[None]:
+        """Go back to a size if what follows fails, such as for lack of memory."""
+        try:
+            yield
+        except BaseException:
+            self._size = size
+            raise
 
     def _checked_size(self, size: tuple[int, int]) -> tuple[int, int]:
         what = type(self).__name__

@@ -1,5 +1,6 @@
 """The interface of the realtime renderer, independent of the picture."""
 
+import copy
 import dataclasses
 import gc
 import weakref
@@ -307,3 +308,40 @@ def test_the_previous_frames_tlas_lives_while_a_renderer_needs_it(device, scene)
         assert is_kept(second, plain)
     device.wait_idle()
     binder.destroy()
+
+
+def test_a_size_for_which_memory_lacks_is_given_up(renderer, monkeypatch):
+    renderer.render()
+
+    def fails(*_):
+        raise sv.DeviceError("no memory")
+
+    with monkeypatch.context() as patched:
+        patched.setattr(renderer._frame, "rebuild", fails)
+        renderer.resize((2 * SIZE[0], SIZE[1]))
+        with pytest.raises(sv.DeviceError):
+            renderer.render()
+    assert renderer.size == SIZE
+    assert renderer.render()["radiance"].shape[:2] == SIZE[::-1]
+
+
+def test_what_is_cut_out_is_what_was_rendered(renderer, scene):
+    camera = copy.copy(scene.camera)
+    picture = renderer.render(camera)["radiance"]
+    renderer.cut_out(picture)
+    camera.position += (0.1, 0, 0)
+    with pytest.raises(sv.SolariError, match="camera has changed"):
+        renderer.cut_out(picture)
+    renderer.render(camera)
+    renderer.resize((SIZE[0] + 1, SIZE[1]))
+    with pytest.raises(sv.SolariError, match="size has changed"):
+        renderer.cut_out(picture)
+    renderer.resize(SIZE)
+
+
+def test_surfaces_are_not_found_again_for_another_exposure(renderer, scene, monkeypatch):
+    camera = copy.copy(scene.camera)
+    depth = renderer.render(camera)["depth"]
+    monkeypatch.setattr(renderer.first_hits, "_submit", lambda *_: pytest.fail("found again"))
+    camera.ev100 += 1
+    assert np.array_equal(renderer.render(camera)["depth"], depth)

@@ -3,7 +3,6 @@
 #version 460
 #define MANY_VIEWS
 #include "common/random.glsl"
-#include "passes/gbuffer/gbuffer.glsl"
 #include "passes/reference/aov.glsl"
 #include "passes/views.glsl"
 #include "scene/camera.glsl"
@@ -12,10 +11,8 @@
 layout(local_size_x = 8, local_size_y = 8) in;
 // What takes time of its own is computed where it is asked for.
 layout(constant_id = has_materials_id) const bool has_materials = false;
-layout(constant_id = has_motion_id) const bool has_motion = false;
 
 layout(set = 1, scalar) writeonly buffer AovPrimitiveBlock { uint at[]; } aov_primitive;  // NO_INDEX: nothing
-layout(set = 1, scalar) writeonly buffer AovMotionVectorsBlock { vec2 at[]; } aov_motion_vectors;
 // The user's number of each triangle in the device's order, and the index of each mesh's first triangle in it.
 layout(set = 1, scalar) readonly buffer TriangleOrdersBlock { uint at[]; } triangle_orders;
 layout(set = 1, scalar) readonly buffer OrderStartsBlock { uint at[]; } order_starts;

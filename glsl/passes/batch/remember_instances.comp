@@ -11,5 +11,8 @@ void main() {
     uint row = gl_GlobalInvocationID.x;
     bool is_last = path_sampling.first_row + path_sampling.row_count >= views.at[0].current.size.y * views.at.length();
     if (!is_last || row >= previous_instances.at.length()) { return; }
-    previous_instances.at[row] = PreviousInstance(instances.at[row].world_from_object, instances.at[row].id);
+    Instance instance = instances.at[row];
+    previous_instances.at[row] = PreviousInstance(
+        instance.world_from_object, instance.id, instance.material, opacity_of(instance.material)
+    );
 }

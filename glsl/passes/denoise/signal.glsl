@@ -23,23 +23,6 @@ struct Signals {
 const uint FILTERING = 0u, DONE = 1u, DONE_IN_BOTH = 2u, REFLECTION_EDGES_UNKNOWN = 3u;
 const uint NO_SAMPLE = 0x7FFFu;  // fifteen ones, the code of a NaN: no standard error is packed to it
 
-// Eight bits a channel with a shared exponent (RGBE), that of the largest channel, which is scaled to between 127.5 and
-// 255, so that the dither of less than 1 doesn't overflow. Exponents below 8 would make a scale denormal. random: 30
-// bits, for stochastic rounding.
-uint pack_color(vec3 color, uint random) {
-    color = clamp(color, 0.0, LARGEST_PACKED);
-    uint exponent = max(floatBitsToUint(max_component(color)) >> 23u, 8u);
-    float scale = 255.0 / 256.0 * uintBitsToFloat(261u - exponent << 23u);
-    vec3 dither = vec3(ivec3(int(random), int(random >> 10u), int(random >> 20u)) & 0x3FF) / 1024.0;
-    uvec3 codes = uvec3(ivec3(color * scale + dither));
-    return codes.r | codes.g << 8u | codes.b << 16u | exponent << 24u;
-}
-
-vec3 unpack_color(uint bits) {
-    float scale = 256.0 / 255.0 * uintBitsToFloat((bits >> 24u) - 7u << 23u);
-    return scale * vec3(ivec3(int(bits), int(bits >> 8u), int(bits >> 16u)) & 0xFF);
-}
-
 // random: 16 bits, for stochastic rounding.
 uint pack_standard_error(float standard_error, uint random) {
     return standard_error < 0.0 ? NO_SAMPLE : floatBitsToUint(min(standard_error, LARGEST_PACKED)) + random >> 16u;

@@ -17,7 +17,11 @@ void main() {
     uint rng = seed_rng(pixel, floatBitsToUint(camera.jitter.x), floatBitsToUint(camera.jitter.y));
     uvec2 alpha_seed = random_alpha_seed(rng);
     Hit hit = trace_closest_hit(ray.origin, ray.t_min, ray.direction, INFINITY, TRACE_FRONT_FACES, alpha_seed);
-    if (hit.instance == NO_INDEX || !is_seen(vec2(pixel) + 0.5)) {
+    bool misses = hit.instance == NO_INDEX || !is_seen(vec2(pixel) + 0.5);
+    if (has_motion) {
+        aov_motion_vectors.at[index] = misses ? background_motion_vector(ray)
+            : hit_motion_vector(hit, meshes.at[instances.at[hit.instance].ray_mesh]);
+    } else if (misses) {
         store_empty_aovs(index);
     } else {
         store_aovs(index, ray, hit, meshes.at[instances.at[hit.instance].ray_mesh]);

@@ -2,8 +2,11 @@
 #ifndef PASSES_REFERENCE_AOV_GLSL
 #define PASSES_REFERENCE_AOV_GLSL
 
+#include "passes/gbuffer/gbuffer.glsl"
 #include "passes/reference/bindings.glsl"
 #include "scene/surface.glsl"
+
+layout(constant_id = has_motion_id) const bool has_motion = false;
 
 // The index of an instance within its world, from its row in `instances`.
 uint instance_number(uint row) {

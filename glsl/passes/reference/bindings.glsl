@@ -25,6 +25,7 @@ layout(set = 1, scalar) uniform PathSamplingBlock {
 layout(set = 1, scalar) buffer RadianceMeanBlock { vec3 at[]; } radiance_mean;
 // The sum over a pixel's samples of the squared deviation of luminance from its mean.
 layout(set = 1, scalar) buffer LuminanceDeviationsBlock { float at[]; } luminance_deviations;
+layout(set = 1, scalar) writeonly buffer AovMotionVectorsBlock { vec2 at[]; } aov_motion_vectors;  // as motion_vectors
 layout(set = 1, scalar) buffer RayCountBlock { uint at[]; } ray_count;  // rays of the pixel so far
 
 #endif

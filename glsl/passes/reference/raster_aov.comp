@@ -13,12 +13,18 @@ void main() {
     uvec2 pixel = gl_GlobalInvocationID.xy + uvec2(0u, path_sampling.first_row);
     if (!is_inside(pixel, camera.size) || gl_GlobalInvocationID.y >= path_sampling.row_count) { return; }
     uint index = pixel_index(pixel, camera.size);
+    CameraRay ray = make_camera_ray(vec2(pixel) + 0.5);
     if (imageLoad(depth, ivec2(pixel)).x == 0.0) {
-        store_empty_aovs(index);
+        if (has_motion) { aov_motion_vectors.at[index] = background_motion_vector(ray); }
+        else { store_empty_aovs(index); }
         return;
     }
-    CameraRay ray = make_camera_ray(vec2(pixel) + 0.5);
     uvec2 found = imageLoad(raster_triangles, ivec2(pixel)).xy;
     Mesh mesh = meshes.at[instances.at[found.x].mesh];
-    store_aovs(index, ray, intersect_triangle(ray, found.x, found.y, mesh), mesh);
+    Hit hit = intersect_triangle(ray, found.x, found.y, mesh);
+    if (has_motion) {
+        aov_motion_vectors.at[index] = hit_motion_vector(hit, mesh);
+    } else {
+        store_aovs(index, ray, hit, mesh);
+    }
 }

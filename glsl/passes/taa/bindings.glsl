@@ -7,4 +7,21 @@
 layout(set = 1, scalar) buffer TaaHistoryBlock { uvec2 at[]; } taa_history;
 layout(set = 1, scalar) buffer PreviousTaaHistoryBlock { uvec2 at[]; } previous_taa_history;
 
+// This frame's samples, and those of the previous one, by pack_color.
+layout(set = 1, scalar) buffer TaaSamplesBlock { uint at[]; } taa_samples;
+layout(set = 1, scalar) buffer PreviousTaaSamplesBlock { uint at[]; } previous_taa_samples;
+
+// How the samples of a cell of CELL_SIZE x CELL_SIZE rendered pixels differ from those of the previous frame at the
+// same surfaces: passes/taa/change.comp.
+struct SampleChange {
+    vec3 difference_sum;
+    vec3 sum_of_squares;  // of the differences
+    vec3 sum_of_max;      // the larger of both samples
+    vec3 sum_of_sizes;    // of the differences
+    vec3 sum_of_shares;   // the squared differences over the larger samples
+};
+layout(set = 1, scalar) buffer TaaChangesBlock { SampleChange at[]; } taa_changes;
+// For each cell the share of the history around it that is still true: passes/taa/confidence.comp.
+layout(set = 1, scalar) buffer TaaConfidenceBlock { float at[]; } taa_confidence;
+
 #endif

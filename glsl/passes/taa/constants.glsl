@@ -21,6 +21,15 @@ const float LONGEST_IN_MOTION = 15.0;  // the same where resampling would blur a
 // The sum of differences over the largest that it can be, between which they count as common.
 const float ALONG_LINES = 0.8, OVER_AREAS = 0.95;
 
+// Of a change of samples from frame to frame: standard deviations up to which it counts as noise, and from which as a
+// change; and the least share of the samples that it must be. The first of each pair of numbers is for changes that no
+// edit of the scene explains, such as moving shadows; the second where EXPECTED_CHANGE or more of the light changes.
+const vec2 NOISE_SIGMAS = vec2(3.5, 0.5), CHANGE_SIGMAS = vec2(6.0, 1.5);
+const float EXPECTED_CHANGE = 0.25;
+const float MIN_CHANGE = 0.15, MIN_EXPECTED_CHANGE = 0.03;
+const float CHANGE_EXPONENT = 16.0;  // the share of the history that is kept is what didn't change, to this power
+const float MIN_CHANNEL = 0.1;       // of the brightest one: darker channels of a color count as this bright
+
 // What is believed: Salvi, "An Excursion in Temporal Supersampling" (GDC 2016).
 const float BOX = 1.25;             // half width of the box of colors that are believed, in standard deviations
 const float SUSPECT = 0.5;          // share of the box beyond which changes are looked for,

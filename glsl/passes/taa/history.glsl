@@ -139,6 +139,24 @@ bool is_blended(ivec2 center) {
     return false;
 }
 
+// Whether a blended surface around has another opacity or material than in the previous frame. Frames before showed it
+// in other shares of their samples.
+bool has_new_opacity(ivec2 center) {
+    for (int i = 0; i < 9; i++) {
+        ivec2 pixel = center + ivec2(i % 3, i / 3) - 1;
+        if (!is_inside(pixel, camera.size)) { continue; }
+        for (int frame = 0; frame < 2; frame++) {
+            ivec2 at = texel_of(pixel);
+            uint shown = frame == 0 ? imageLoad(gbuffer_surface, at).y : previous_instance(at);
+            if (!shows_blended(shown) || previous_instances.at[shown].id != instances.at[shown].id) { continue; }
+            uint material = instances.at[shown].material;
+            PreviousInstance before = previous_instances.at[shown];
+            if (before.material != material || before.opacity != opacity_of(material)) { return true; }
+        }
+    }
+    return false;
+}
+
 HistorySample find_history(ivec2 at, Neighborhood around) {
     if (this_frame.shutter_state == LATER_OF_EXPOSURE && this_frame.has_history != 0u) {
         return load_exposure(element_index(at, camera.picture_size));

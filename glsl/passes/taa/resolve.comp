@@ -3,6 +3,7 @@
 // inside it alone, so that the mean of a still picture tends to that of the pixel's area.
 #version 460
 #include "common/pixel.glsl"
+#include "generated/passes/taa.glsl"  // CELL_SIZE
 #include "passes/taa/history.glsl"
 
 layout(local_size_x = 8, local_size_y = 8) in;
@@ -54,6 +55,11 @@ void main() {
     }
     Neighborhood around = find_neighborhood(at);
     HistorySample history = find_history(at, around);
+    if (!in_exposure()) {  // the picture of an exposure is that of all times
+        uvec2 cells = (camera.size + CELL_SIZE - 1u) / CELL_SIZE;
+        if (SCENE_BLEND && this_frame.blended_changed != 0u && has_new_opacity(around.center)) { history.weight = 0.0; }
+        history.weight *= taa_confidence.at[element_index(uvec2(around.center) / CELL_SIZE, cells)];
+    }
     if (history.weight > 0.0) { history = limited(history, around); }
 
     float weight = 1.0;

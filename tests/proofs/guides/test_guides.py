@@ -99,6 +99,26 @@ def test_edited_vertices_move_as_a_moved_instance_does(device, gbuffer):
     np.testing.assert_allclose(edited, moved, atol=0.1 * PIXEL / SIZE[0])
 
 
+@pytest.mark.parametrize("gbuffer", ["traced", "raster"])
+def test_motion_as_it_is_read_is_that_of_the_pixels_centers(device, gbuffer):
+    """As that of a batch, whatever the sample positions: of a moved camera, a moved box and edited vertices."""
+    scene = sv.Scene(sv.DirectionalLight((0, -1, -1)))
+    scene.add(shapes.box((-1.5, -0.4, -0.4), (-0.7, 0.4, 0.4)))
+    moved, edited = (scene.add(shapes.box((x, -0.4, -0.4), (x + 0.8, 0.4, 0.4))) for x in (-0.4, 0.7))
+    poses = [sv.Camera.look_at((0.1 * step, 0, 4), (0.1 * step, 0.1 * step, 0)) for step in range(3)]
+    with (
+        sv.Batch(device, scene, SIZE, 1, outputs=["motion_vectors"]) as batch,
+        sv.Renderer(device, scene, SIZE, sv.Settings(gbuffer=gbuffer)) as renderer,
+    ):
+        for camera in poses:
+            moved.position += (0, 0.05, 0)
+            edited.mesh.positions = edited.mesh.positions + np.float32((0.05, 0, 0))
+            found = renderer.render(camera)["guides_motion"]
+            expected = batch.render([camera])["motion_vectors"][0]
+    assert np.abs(expected * SIZE).max() > 1
+    np.testing.assert_allclose(found * SIZE, expected * SIZE, atol=5e-6)
+
+
 def test_specular_albedo_is_the_directional_albedo(device):
     """It is 1 for a white metal at every angle and roughness, and Schlick's Fresnel term for a smooth dielectric."""
     scene = sv.Scene(sv.Camera.look_at((0, 1.0, 4), (0, 0, 0), vertical_fov=0.6))
