@@ -67,7 +67,11 @@ def made_frames(device: Device) -> Iterator[tuple[Frame, Frame]]:
     from solari_vk.passes import brdf_table, gbuffer, reference
 
     scene = sv.builtin("cornell_box")
-    scene.instances[0].material.transmission = 0.5  # features of scenes: lobes, meshes for rays alone
+    # Features of scenes: lobes, solids that absorb light, meshes for rays alone.
+    scene.instances[0].material.transmission = 0.5
+    scene.instances[0].material.solid = True
+    scene.instances[0].material.attenuation_color = 0.5
+    scene.instances[0].material.attenuation_distance = 1.0
     scene.instances[0].ray_mesh = scene.instances[0].mesh
     choices = ({"restir": True, "gbuffer": "raster"}, {"gbuffer": "traced"}, {"frame_ms": 1.0}, {"lighting": "split"})
     with sv.Frame(device, [brdf_table.stage()]) as tables:

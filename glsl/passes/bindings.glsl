@@ -26,6 +26,8 @@ layout(set = 1, rgba32ui) uniform uimage2D previous_gbuffer;
 // geometric normal octahedral 2x16, facing the camera | instance index, NO_INDEX without a surface
 layout(set = 1, rg32ui) uniform uimage2D gbuffer_surface;
 layout(set = 1, rg32ui) uniform uimage2D previous_gbuffer_surface;
+// GBufferSurface.ray_offset and lift, as the upper halves of floats
+layout(set = 1, r32ui) uniform uimage2D gbuffer_offsets;
 layout(set = 1, r32f) uniform image2D depth;  // near / distance along the view axis; 0 without a surface
 layout(set = 1, r32f) uniform image2D previous_depth;
 layout(set = 1, rg16f) uniform image2D motion_vectors;  // previous frame's uv minus uv, without jitter

@@ -2,6 +2,7 @@
 // frames hold these bindings, numbered by name (solari_vk/gpu/frame/interface.py), so that frames share pipelines.
 #version 460
 #include "generated/bound/lights/light_kinds.glsl"
+#include "passes/camera_medium.glsl"
 #include "passes/denoise/alternate_history.glsl"
 #include "passes/denoise/bindings.glsl"
 #include "passes/denoise/gradient_cell.glsl"

@@ -74,7 +74,7 @@ SpecularChainHit trace_specular_chain(inout Walk walk, inout uint rng) {
         walk.throughput *= found.surface.material.base.color;
         BaseMaterial base = found.surface.material.base;
         float ior = found.surface.material.glass.ior;
-        Medium below = medium_below(segment.hit.instance, found.surface.material);
+        Medium below = medium_below(segment.hit.instance, found.surface.material, walk.medium);
         vec3 bent = walk.direction;
         if (base.solid) { bent = refract(walk.direction, normal, base.inside ? ior : 1.0 / ior); }
         if (bent != vec3(0.0)) { walk.medium = below; }

@@ -17,6 +17,7 @@
 #include "scene/lights/portal_sampling.glsl"
 #include "scene/lights/tree.glsl"
 #include "scene/lights/types.glsl"
+#include "scene/medium.glsl"
 
 struct LightContribution {
     // Radiance times the geometry term without the receiver's cosine, cos / distance^2. To be multiplied by
@@ -152,13 +153,14 @@ vec3 mis_weighted_radiance_at_infinity(vec3 direction, float mis_pdf, Receiver r
 }
 
 // The same for pass-through lights on a ray, without the transmittance of surfaces before them.
-vec3 mis_weighted_radiance_along_ray(vec3 origin, vec3 direction, float t_max, float mis_pdf) {
+vec3 mis_weighted_radiance_along_ray(vec3 origin, vec3 direction, float t_max, float mis_pdf, Medium medium) {
     vec3 radiance = vec3(0.0);
     if (!HAS_PASS_THROUGH_LIGHTS) { return radiance; }
     for (uint i = scene_info.first_pass_through_light; i < scene_info.first_light_at_infinity; i++) {
         LightSource light = light_sources.at[i];
         LightHit light_hit = intersect_light(light.kind, light.record_index, origin, direction, t_max);
-        radiance += mis_weighted_radiance(light_hit, light_probability_by_power(light), mis_pdf);
+        radiance += mis_weighted_radiance(light_hit, light_probability_by_power(light), mis_pdf)
+            * transmittance(medium, light_hit.t);
     }
     return radiance;
 }

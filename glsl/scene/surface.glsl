@@ -15,6 +15,7 @@ struct TrianglePoint {
     vec3 geometric_world_normal;  // on the front, where the vertices run counter-clockwise in object space
     float area;        // of the whole triangle, in world space
     float ray_offset;  // see world_ray_offset
+    float extent;      // of the whole triangle, in world space: the largest coordinate of its edges
     TexturePoint texture_point;
     uvec3 vertices;
     mat3x3 object_edges;  // the first vertex, and the edges from it to the second and third
@@ -27,6 +28,7 @@ struct SurfaceInteraction {
     vec3 world_normal;            // shading normal, faces the ray too
     vec3 geometric_world_normal;  // faces the ray
     float ray_offset;             // rays leave from world_position + ray_offset * geometric_world_normal
+    float extent;                 // TrianglePoint.extent: see position_on_ray
     float area_pdf_by_power;  // of this point where lights are chosen by power; 0 when it is on no light
     bool emits_towards_ray;  // on its front, or on both sides of a double-sided material
     bool unlit;       // cameras alone see what it emits, in mirrors and through clear glass too
@@ -35,17 +37,24 @@ struct SurfaceInteraction {
 
 // ---- geometry ---------------------------------------------------------------------------------------
 
-// How far along the geometric normal a ray's origin must move so that the ray can't hit the same triangle. The distance
-// bounds the rounding error of the point's transform to world space and of the ray's transform back to object space, in
-// one expression: Woechter and Binder, "A Fast and Robust Method for Avoiding Self-Intersection" (Ray Tracing Gems,
-// 2019), in the form of NVIDIA's error-bounded successor (2022). `reach` bounds the coordinates of the triangle.
-// Differs from Solari, which moves origins by 1 mm.
-float world_ray_offset(vec3 reach, mat4x3 world_from_object, mat3 cofactors, vec3 object_normal) {
-    vec3 world_reach = abs(world_from_object[0]) * reach.x + abs(world_from_object[1]) * reach.y
-        + abs(world_from_object[2]) * reach.z + abs(world_from_object[3]);
-    vec3 n = abs(object_normal);
+// How far along the geometric normal a ray's origin must move so that the ray can't hit the same triangle: Woechter and
+// Binder, "A Fast and Robust Method for Avoiding Self-Intersection" (Ray Tracing Gems, 2019), in the form of NVIDIA's
+// error-bounded successor (2022). The distance bounds two errors, axis by axis: that of interpolating and intersecting
+// the triangle in object space, whose coordinates `reach` bounds, and that of the transforms of the point to world
+// space and of the ray back. A triangle at right angles to an axis has no error along it in object space, however far
+// it reaches. Differs from Solari, which moves origins by 1 mm.
+float world_ray_offset(
+    vec3 reach, vec3 object_position, mat4x3 world_from_object, mat3 cofactors, vec3 object_normal
+) {
+    vec3 n = abs(object_normal), at = abs(object_position);
+    vec3 turned = cofactors * object_normal;
+    float per_object_unit = abs(dot(normalize(turned), mat3(world_from_object) * object_normal));
+    vec3 world_reach = abs(world_from_object[0]) * at.x + abs(world_from_object[1]) * at.y
+        + abs(world_from_object[2]) * at.z + abs(world_from_object[3]);
     vec3 spread = abs(cofactors[0]) * n.x + abs(cofactors[1]) * n.y + abs(cofactors[2]) * n.z;
-    return 16.0 * ROUNDING_UNIT * dot(world_reach, spread) / length(cofactors * object_normal);
+    float bound = dot(reach, n) * per_object_unit + dot(world_reach, spread) / length(turned);
+    // Not 0, or the origin of a ray would be on the triangle.
+    return 16.0 * ROUNDING_UNIT * bound + ROUNDING_UNIT * max_component(world_reach) + 1e-30;
 }
 
 TrianglePoint resolve_triangle(Instance instance, Mesh mesh, uint triangle, vec2 barycentrics) {
@@ -57,24 +66,36 @@ TrianglePoint resolve_triangle(Instance instance, Mesh mesh, uint triangle, vec2
     point.object_edges = mat3(corner, edge_1, edge_2);
 
     mat4x3 m = instance.world_from_object;
-    point.world_position = m * vec4(corner + barycentrics.x * edge_1 + barycentrics.y * edge_2, 1.0);
+    vec3 object_position = corner + barycentrics.x * edge_1 + barycentrics.y * edge_2;
+    point.world_position = m * vec4(object_position, 1.0);
     // The cofactor matrix transforms normals without a division. Its sign keeps the front of mirrored instances.
     mat3 cofactors = mat3(cross(m[1], m[2]), cross(m[2], m[0]), cross(m[0], m[1]));
     cofactors *= dot(m[0], cofactors[0]) < 0.0 ? -1.0 : 1.0;
     point.normal_matrix = cofactors;
 
     float extent = max(max_component(abs(edge_1)), max_component(abs(edge_2)));
-    point.area = 0.0;
+    point.area = point.extent = 0.0;
     vec3 object_normal = vec3(0.0, 0.0, 1.0);  // of a degenerate triangle, which no ray hits
     if (extent > 0.0) {
         vec3 unit_1 = edge_1 / extent, unit_2 = edge_2 / extent;  // so that no product underflows or overflows
         object_normal = safe_normalize(cross(unit_1, unit_2), object_normal);
-        point.area = 0.5 * length(cross(mat3(m) * unit_1, mat3(m) * unit_2)) * extent * extent;
+        vec3 world_1 = mat3(m) * unit_1, world_2 = mat3(m) * unit_2;
+        point.area = 0.5 * length(cross(world_1, world_2)) * extent * extent;
+        point.extent = extent * max(max_component(abs(world_1)), max_component(abs(world_2)));
     }
     point.geometric_world_normal = safe_normalize(cofactors * object_normal, vec3(0.0, 0.0, 1.0));
-    point.ray_offset = world_ray_offset(abs(corner) + extent, m, cofactors, object_normal);
+    vec3 reach = abs(corner) + max(abs(edge_1), abs(edge_2));
+    point.ray_offset = world_ray_offset(reach, object_position, m, cofactors, object_normal);
     point.texture_point = texture_point(mesh, point.vertices, barycentrics);
     return point;
+}
+
+// The point of a triangle at the end of a ray. The few bits of barycentrics are spread over the whole triangle, so that
+// on large ones the ray says better where along the plane the point is.
+vec3 position_on_ray(vec3 position, vec3 geometric_normal, float extent, vec3 ray_origin, vec3 along) {
+    vec3 end = ray_origin + along;
+    if (!(max_component(abs(ray_origin) + abs(along)) < extent)) { return position; }
+    return end - geometric_normal * dot(end - position, geometric_normal);
 }
 
 // ---- materials --------------------------------------------------------------------------------------
@@ -182,6 +203,7 @@ SurfaceInteraction resolve_surface_interaction(Hit hit, Mesh mesh, vec3 ray_dire
     surface.world_position = point.world_position;
     surface.geometric_world_normal = front_face ? point.geometric_world_normal : -point.geometric_world_normal;
     surface.ray_offset = point.ray_offset;
+    surface.extent = point.extent;
     surface.area_pdf_by_power = 0.0;
     if (instance.light_index != NO_INDEX && point.area > 0.0) {
         surface.area_pdf_by_power =
@@ -232,6 +254,12 @@ SurfaceInteraction resolve_surface_interaction(Hit hit, Mesh mesh, vec3 ray_dire
 
 SurfaceInteraction resolve_surface_interaction(Hit hit, vec3 ray_direction, float cone_width) {
     return resolve_surface_interaction(hit, meshes.at[instances.at[hit.instance].ray_mesh], ray_direction, cone_width);
+}
+
+void move_to_ray(inout SurfaceInteraction surface, vec3 ray_origin, vec3 along) {
+    surface.world_position = position_on_ray(
+        surface.world_position, surface.geometric_world_normal, surface.extent, ray_origin, along
+    );
 }
 
 // What the surface emits towards a camera: unlit surfaces too.

@@ -21,6 +21,7 @@
 #include "scene/camera.glsl"
 #include "scene/light_visibility.glsl"
 #include "scene/lights/tree.glsl"  // Receiver, choose_leaf, leaf_choice_probability
+#include "scene/medium.glsl"
 #include "scene/sampling.glsl"  // light samples; it says what intersect_light and other generated functions do
 #include "scene/surface.glsl"
 #include "scene/trace.glsl"  // and scene/alpha.glsl: blended surfaces, RayTransmittance
@@ -30,24 +31,50 @@ const uint MAX_DELTA_BOUNCES = 64u;  // these don't count towards the limit of o
 
 // ---- media ------------------------------------------------------------------------------------------
 
-// The solid in which a ray is, by the material, which absorbs light; NO_INDEX: none. Thin-walled glass is no solid.
-struct Medium {
-    uint material;
-};
-
-const Medium NO_MEDIUM = Medium(NO_INDEX);
-
-// The medium on the side of a surface that wo is not on. If wo is in the solid (base.inside), that is air.
-Medium medium_below(uint instance, ResolvedMaterial material) {
-    bool solid = SCENE_TRANSMISSION && material.base.solid && !material.base.inside;
-    return Medium(solid ? instances.at[instance].material : NO_INDEX);
+// The medium on the side of a surface that wo is not on, for a ray in `medium`.
+Medium medium_below(uint instance, ResolvedMaterial material, Medium medium) {
+    if (!SCENE_TRANSMISSION || !material.base.solid) { return medium; }
+    // From within (base.inside), that is what lies around the solid.
+    return material.base.inside ? Medium(medium.around, NO_INDEX)
+        : Medium(instances.at[instance].material, medium.material);
 }
 
-// Beer-Lambert transmittance of a distance in a medium.
-vec3 transmittance(Medium medium, float distance) {
-    if (!SCENE_TRANSMISSION || medium.material == NO_INDEX) { return vec3(1.0); }
-    vec3 absorption = materials.at[medium.material].absorption;
-    return mix(exp(-absorption * distance), vec3(1.0), equal(absorption, vec3(0.0)));
+const uint MAX_SURFACES_AROUND = 64u;
+const vec3 WAY_OUT = vec3(0.2672612, 0.8017837, 0.5345225);  // upwards: to the surface of water without walls
+
+// Counts the boundary of a solid on a ray that leaves the solids around its origin, and those that it has entered.
+void pass_boundary(inout Medium found, inout uint entered, bool enters, uint material) {
+    if (enters) {
+        entered += 1u;
+    } else if (entered > 0u) {
+        entered -= 1u;
+    } else if (found.material == NO_INDEX) {
+        found.material = material;
+    } else {
+        found.around = material;
+    }
+}
+
+// The solids around a position: the first ones whose backs a ray from there meets, without those that it enters first.
+Medium find_medium(vec3 position) {
+    Medium found = NO_MEDIUM;
+    if (SCENE_ABSORPTION) {
+        uint entered = 0u;
+        for (uint i = 0u; i < MAX_SURFACES_AROUND && found.around == NO_INDEX; i++) {
+            Hit hit = trace_closest_hit(position, 0.0, WAY_OUT, INFINITY, TRACE_BOTH_FACES, EVERY_SURFACE);
+            if (hit.instance == NO_INDEX) { break; }
+            Instance instance = instances.at[hit.instance];
+            Mesh mesh = meshes.at[instance.ray_mesh];
+            TrianglePoint point = resolve_triangle(instance, mesh, hit.triangle, hit.barycentrics);
+            bool enters = dot(WAY_OUT, point.geometric_world_normal) <= 0.0;
+            float offset = enters ? -point.ray_offset : point.ray_offset;
+            position = point.world_position + offset * point.geometric_world_normal;
+            if ((materials.at[instance.material].flags & MATERIAL_SOLID) != 0u) {
+                pass_boundary(found, entered, enters, instance.material);
+            }
+        }
+    }
+    return found;
 }
 
 // ---- segments ---------------------------------------------------------------------------------------
@@ -127,7 +154,7 @@ Segment trace_segment(Walk walk, Receiver receiver, inout uint rng) {
             LightHit light_hit = intersect_light(light.kind, light.record_index, walk.origin, walk.direction, t_end);
             if (!(light_hit.inverse_solid_angle_pdf > 0.0)) { continue; }
             radiance = mis_weighted_radiance(light_hit, leaf_choice_probability(light.first_leaf, receiver),
-                walk.mis_pdf);
+                walk.mis_pdf) * transmittance(walk.medium, light_hit.t);
             t = light_hit.t;
         }
         RayTransmittance passes = FULL_TRANSMITTANCE;
@@ -153,7 +180,7 @@ bool accumulate_segment(inout Walk walk, Segment segment, Receiver receiver, ino
     radiance += walk.throughput * segment.along_ray.radiance;
     walk.throughput *= segment.transmittance.weight;
     if (segment.hit.instance != NO_INDEX) { return true; }
-    radiance += walk.throughput
+    radiance += walk.throughput * transmittance(walk.medium, INFINITY)
         * mis_weighted_radiance_at_infinity(walk.direction, walk.mis_pdf, receiver);
     return false;
 }
@@ -164,7 +191,10 @@ bool accumulate_segment(inout Walk walk, Segment segment, Receiver receiver, ino
 SurfaceInteraction arrive_at_surface(inout Walk walk, Hit hit) {
     walk.cone_width += walk.cone_spread * hit.t;
     walk.throughput *= transmittance(walk.medium, hit.t);
-    return resolve_surface_interaction(hit, walk.direction, walk.cone_width);
+    SurfaceInteraction surface = resolve_surface_interaction(hit, walk.direction, walk.cone_width);
+    // A path that was stored has forgotten where its ray began.
+    if (hit.t > 0.0) { move_to_ray(surface, walk.origin, hit.t * walk.direction); }
+    return surface;
 }
 
 // Smooth thin-walled glass (MATERIAL_WALL) has a delta lobe of straight transmission, which trace_segment has sampled:

@@ -14,6 +14,8 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+
 from solari_vk.bound.lights.light_tree import LightTree
 from solari_vk.gpu.shaders.compiler import COMMON_FEATURES
 from solari_vk.scene.camera import Camera
@@ -66,10 +68,12 @@ FEATURES = (
     Feature("LAYERS", Material, lambda material: material.has_layers, is_lobe=True),
     Feature("IRIDESCENCE", Material, lambda material: material.iridescence > 0, is_lobe=True),
     Feature("DISPERSION", Material, lambda material: material.disperses),
+    Feature("ABSORPTION", Material, lambda material: material.bounds_solid and bool(np.any(material.absorption))),
     Feature("UNLIT", Material, lambda material: material.unlit),
     Feature("LENSES", Camera, lambda camera: camera.has_lens),
 )
 LENSES = "SCENE_LENSES"
+ABSORPTION = "SCENE_ABSORPTION"
 LOBES = frozenset(feature.constant for feature in FEATURES if feature.is_lobe)
 
 

@@ -206,7 +206,7 @@ def _flags_of(material: Material) -> int:
         flags |= MATERIAL_HIDES_BACK
     elif material.double_sided or material.unlit:  # the back of a lamp is dark unless it is double-sided
         flags |= MATERIAL_DOUBLE_SIDED
-    if material.solid and material.transmits:
+    if material.bounds_solid:
         flags |= MATERIAL_SOLID
     if material.is_wall:
         flags |= MATERIAL_WALL

@@ -36,8 +36,8 @@ def stage(
     "raster" or "traced".
 
     has_lobes: whether the scene's materials need more than the first image has.
-    Outputs: `gbuffer`, `gbuffer_surface`, `gbuffer_lobes`, `depth`, `motion_vectors`; for the next frame
-    `visible_instances`.
+    Outputs: `gbuffer`, `gbuffer_surface`, `gbuffer_offsets`, `gbuffer_lobes`, `depth`, `motion_vectors`; for the next
+    frame `visible_instances`.
     """
     # Few scenes have lobes such as coats; the others need no memory for them.
     lobes = size[0] * size[1] if has_lobes else 1
@@ -45,6 +45,7 @@ def stage(
     images: dict[str, tuple[int, int] | History] = {
         "gbuffer": History(size),
         "gbuffer_surface": History(size),
+        "gbuffer_offsets": size,
         "depth": History(size),
         "motion_vectors": size,
     }

@@ -10,17 +10,25 @@ from solari_vk.passes import denoise, display, paths, solari019, world_cache
 from solari_vk.settings import FIELDS, Settings
 
 
-def stages(size: tuple[int, int], settings: Settings, grid: tuple[int, int] = (1, 1), worlds: int = 1) -> list[Stage]:
+def stages(
+    size: tuple[int, int],
+    settings: Settings,
+    grid: tuple[int, int] = (1, 1),
+    worlds: int = 1,
+    has_absorption: bool = False,
+) -> list[Stage]:
     """The stages that compute and denoise the light of a frame, in order; the last one adds it up. grid: columns and
-    rows of views, which show so many worlds."""
+    rows of views, which show so many worlds. has_absorption: whether solids in them absorb light."""
     scratch: Mapping[str, str] = {}
+    views = math.prod(grid)
     if settings.lighting == "split":
         light = solari019.stages(size, settings)
     else:
         cache = world_cache.paths_stage(size, settings, worlds)
-        light = [cache, paths.stage(size, settings, math.prod(grid))]
+        light = [cache, paths.stage(size, settings, views)]
         scratch = paths.SCRATCH
     return [
+        paths.medium_stage(views, has_absorption),
         # Before the light, because pixels with a short history take more paths.
         denoise.history_stage(size),
         *light,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from solari_vk.gpu.frame.stages import Pass, Stage
+from solari_vk.gpu.frame.stages import IfUsed, Pass, Stage
 from solari_vk.gpu.shaders.headers import constants
 from solari_vk.passes.rows import GROUP_SIZE
 from solari_vk.settings import Settings
@@ -19,7 +19,7 @@ WAVES = 3  # dispatches over the paths that go on after their first rays; the la
 def stage(size: tuple[int, int], settings: Settings, views: int) -> Stage:
     """The light of the diffuse and of the specular lobe, demodulated, each with a distance in meters.
 
-    Inputs: `gbuffer*`, `depth`, `*_table`, `brdf_averages`, `world_cache_*`; the length of the history,
+    Inputs: `camera_media`, `gbuffer*`, `depth`, `*_table`, `brdf_averages`, `world_cache_*`; the length of the history,
     `denoise_guides` and `denoise_diffuse`; with restir `motion_vectors`, `previous_*`.
     Outputs: `paths_diffuse`, `paths_specular`, and new cells, `world_cache_*`.
     """
@@ -54,6 +54,17 @@ def stage(size: tuple[int, int], settings: Settings, views: int) -> Stage:
         passes.append(Pass("paths/temporal", threads=size, constants=brdf))
         passes.append(Pass("paths/spatial_and_shade", threads=size, constants=brdf))
     return Stage("paths", buffers=buffers, passes=passes)
+
+
+def medium_stage(views: int, has_absorption: bool) -> Stage:
+    """The solids in which the views' cameras are, such as water. has_absorption: whether solids of the scene absorb
+    light; else no pass looks for them.
+
+    Outputs: `camera_media`.
+    """
+    passes = [Pass("camera_medium", threads=(views, 1))] if has_absorption else []
+    # Shaders with other features declare the buffer all the same.
+    return Stage("camera_medium", buffers={"camera_media": IfUsed(views)}, passes=passes)
 
 
 def _waves(size: tuple[int, int], sample: int, chooses_pixels: bool, constants: dict[str, int | bool]) -> list[Pass]:

@@ -98,7 +98,7 @@ def restir_gi(size: tuple[int, int], settings: Settings) -> Stage:
 def specular_gi(size: tuple[int, int], settings: Settings) -> Stage:
     """Mirror and glossy reflections: the radiance specular_gi, light by the specular lobe that DI doesn't shade.
 
-    Inputs: `gbuffer*`, `depth`, `gi_reservoirs`, `world_cache_*`, `*_table`, `brdf_averages`.
+    Inputs: `camera_media`, `gbuffer*`, `depth`, `gi_reservoirs`, `world_cache_*`, `*_table`, `brdf_averages`.
     Outputs: `specular_gi`, `specular_gi_distances`, and new cells, `world_cache_*`.
     """
     return Stage(

@@ -21,7 +21,7 @@ from solari_vk.scene.model import Camera, Scene
 
 BUSY = 4096  # pixels that keep a device busy: fewer points are measured by several pixels each
 LEAST_SAMPLES = 16  # of a pixel, so that its variance is known
-LIFT = 2e-6  # of points above the surface on which they lie, as a share of the scene's largest coordinate
+REACH = 2e-6  # how far from a point its surface is searched, as a share of the scene's largest coordinate
 
 
 class Illuminance(NamedTuple):
@@ -54,9 +54,9 @@ def illuminance(
     light alone. seed: a whole number; another one gives independent noise. time_limit: seconds after which it stops
     early, and the standard errors are larger. Light is photometric: emission in cd/m^2, intensities in cd, suns in lux.
 
-    A point may lie on a surface: it is lifted along its normal by 2e-6 of the scene's largest coordinate. Surfaces that
-    let light pass, such as panes of glass, tint it. Raises SolariError for points and normals that don't fit each other
-    or aren't finite, for normals of length 0 and other wrong arguments.
+    A point may lie on a surface, and is then measured just above it. Surfaces that let light pass, such as panes of
+    glass, tint it, and so does the solid in which a point is, such as water. Raises SolariError for points and normals
+    that don't fit each other or aren't finite, for normals of length 0 and other wrong arguments.
     """
     check_switch(cylindrical, "illuminance: cylindrical")
     whole_number(samples, "illuminance: samples", LEAST_SAMPLES)
@@ -114,12 +114,12 @@ class _PointTracer(PathTracer):
         return [reference.trace_stage(size, self._dispatch.rows, self.settings, "illuminance")]
 
     def _inputs(self) -> dict[str, Any]:
-        # Numbers of 32 bits are rounded in proportion to the largest coordinate: a point that lies on a surface must
-        # be lifted by more than that, or its rays would hit the surface itself.
+        # Numbers of 32 bits are rounded in proportion to the largest coordinate: by that a point that lies on a surface
+        # may be off it. The shader lifts it as far as that surface needs.
         reach = max((np.abs(b).max() for b in self._corners()), default=0.0)
         points, normals = np.split(self._points, 2, axis=1)
-        lift = LIFT * np.maximum(np.abs(points).max(axis=1, keepdims=True), reach)
-        values = np.concatenate([points + lift * normals, normals], axis=1).astype(np.float32)
+        near = REACH * np.maximum(np.abs(points).max(axis=1, keepdims=True), reach)
+        values = np.concatenate([points, normals, near], axis=1).astype(np.float32)
         buffer = self.device.buffer(values.nbytes, "measured_points")
         self._owned.callback(buffer.destroy)
         buffer.upload(values)

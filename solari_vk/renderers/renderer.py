@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from solari_vk.base.errors import SolariError, checked_keywords, is_name, quoted, unknown_name
 from solari_vk.bound.binder import SceneBinder
-from solari_vk.bound.features import LOBES
+from solari_vk.bound.features import ABSORPTION, LOBES
 from solari_vk.bound.lights.index_translation import EDITED_LOOKS, IndexTranslation
 from solari_vk.bound.lights.recent_changes import RecentChanges
 from solari_vk.bound.projection import SEED_STRIDE, CameraUniforms, Projection, jitters, lens_point
@@ -213,7 +213,7 @@ class Renderer(RendererBase):
         stages = [
             gbuffer.stage(size, settings, instances, self.gbuffer, bool(LOBES & self.binder.features)),
             guides.stage(size, settings),
-            *lighting.stages(size, settings, grid, self._world_count),
+            *lighting.stages(size, settings, grid, self._world_count, ABSORPTION in self.binder.features),
             taa.stage(picture, size, grid),
             display.show_stage(picture, lighting.debug_view_pass(settings.lighting)),
             gbuffer.last_stage(instances),
@@ -258,9 +258,9 @@ class Renderer(RendererBase):
 
     def _build_key(self) -> tuple[Any, ...]:
         """What `_stages` depends on and may change from frame to frame."""
-        has_lobes = bool(LOBES & self.binder.features)
-        key = self.size, self.binder.instance_capacity, self.settings.rebuild_key, has_lobes, self.gbuffer
-        return *key, self.count_rays
+        features = self.binder.features
+        has = bool(LOBES & features), ABSORPTION in features
+        return self.size, self.binder.instance_capacity, self.settings.rebuild_key, *has, self.gbuffer, self.count_rays
 
     def _remember_build(self) -> None:
         self._built = self._build_key()

@@ -292,8 +292,8 @@ class Material(TensorFields):
 
     @property
     def hides_back(self) -> bool:
-        """Whether cameras look through the back side, which only happens where that was said."""
-        return self.double_sided is False
+        """Whether cameras look through the back side, which only happens where that was said, and never in a solid."""
+        return self.double_sided is False and not self.bounds_solid
 
     @property
     def absorption(self) -> NDArray[np.float64]:
@@ -317,6 +317,11 @@ class Material(TensorFields):
     def transmits(self) -> bool:
         """Whether light passes below the surface."""
         return max(self.transmission, self.diffuse_transmission) > 0
+
+    @property
+    def bounds_solid(self) -> bool:
+        """Whether the surface bounds a solid that light enters. It is seen from both sides then."""
+        return self.solid and self.transmits
 
     @property
     def disperses(self) -> bool:

@@ -81,7 +81,7 @@ def test_the_common_layout_has_what_frames_bind(frames):
 
 
 def test_docstrings_of_stages_name_inputs_and_outputs(accessed):
-    assert len(accessed) == 19
+    assert len(accessed) == 20
     wrong = {
         f"{source.file}: {source.docstring[:40]}": list(differences(source.docstring, names))
         for source, names in accessed.items()

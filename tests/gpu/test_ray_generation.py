@@ -105,10 +105,12 @@ def test_queries_beside_trace_are_refused_too(shaders: ShaderFolder) -> None:
 
 def test_flags_of_visibility_rays_are_seen() -> None:
     path = "passes/reference/trace.comp"
-    assert traced_flags(compile_shader(path, ray_pipelines=True)) == {VISIBILITY, None}
+    assert VISIBILITY in traced_flags(compile_shader(path, ray_pipelines=True))
     for changed, left in (("gl_RayFlagsSkipClosestHitShaderEXT", 0x8), ("TRACE_ANY_HIT", ANY)):
         with seeded(Bug("scene/trace.glsl", "flags", changed)):
-            assert traced_flags(compile_shader(path, ray_pipelines=True)) == {left, None}
+            found = traced_flags(compile_shader(path, ray_pipelines=True))
+            assert left in found
+            assert VISIBILITY not in found
 
 
 def test_only_what_traces_becomes_a_ray_generation_shader(shaders: ShaderFolder) -> None:

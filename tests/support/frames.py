@@ -51,7 +51,7 @@ DIRECT = (*GBUFFER, "solari019/light_tiles/", "solari019/restir_di/")
 INDIRECT = (*GBUFFER, "solari019/light_tiles/", "world_cache/", "solari019/world_cache/", "solari019/restir_gi/")
 SPECULAR = (*INDIRECT, "solari019/specular_gi/")
 GUIDES = (*GBUFFER, "guides/")
-PATHS = (*GBUFFER, "world_cache/", "paths/", "display/compose")
+PATHS = (*GBUFFER, "camera_medium", "world_cache/", "paths/", "display/compose")
 # What the path tracer computes, at the centers of pixels.
 PLAIN_PATHS = {
     "lighting": "paths",

@@ -19,6 +19,9 @@ layout(set = 1, scalar) readonly buffer OrderStartsBlock { uint at[]; } order_st
 
 void store_geometry(uint index, CameraRay ray, Hit hit, Mesh mesh) {
     TrianglePoint point = resolve_triangle(instances.at[hit.instance], mesh, hit.triangle, hit.barycentrics);
+    point.world_position = position_on_ray(
+        point.world_position, point.geometric_world_normal, point.extent, ray.origin, hit.t * ray.direction
+    );
     bool front_face = dot(ray.direction, point.geometric_world_normal) <= 0.0;
     STORE_GEOMETRY(index)
 }

@@ -1,5 +1,6 @@
 // Multiplies the light of both lobes, denoised or not, by the surfaces' colors again, and adds visible emission.
 #version 460
+#include "passes/camera_medium.glsl"
 #include "passes/denoise/api.glsl"
 #include "passes/display/emission.glsl"
 #include "passes/gbuffer/gbuffer.glsl"
@@ -20,16 +21,20 @@ void main() {
         diffuse = paths_diffuse.at[index].rgb * albedo.diffuse;
         specular = paths_specular.at[index].rgb * albedo.specular;
     }
-    vec3 emitted = visible_emission(pixel);
-    raw_radiance.at[index] = emitted + diffuse + specular;
+    Medium medium = camera_medium();
+    vec3 emitted = visible_emission(pixel, medium);
+    vec3 arrives = transmittance(medium, distance(surface.world_position, make_camera_ray(vec2(pixel) + 0.5).origin));
+    raw_radiance.at[index] = emitted + (diffuse + specular) * arrives;
     error.at[index] = 0.0;
     if (uses_denoiser(index)) {
         Denoised light = denoised(pixel);
         albedo.specular *= light.psr_albedo;
         diffuse = light.diffuse * albedo.diffuse;
         specular = light.specular * albedo.specular;
-        error.at[index] = standard_error(light, index, albedo.diffuse, albedo.specular);
+        error.at[index] = standard_error(light, index, albedo.diffuse * arrives, albedo.specular * arrives);
     }
+    diffuse *= arrives;
+    specular *= arrives;
     emission.at[index] = emitted;
     diffuse_radiance.at[index] = diffuse;
     specular_radiance.at[index] = specular;

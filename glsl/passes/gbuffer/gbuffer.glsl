@@ -72,23 +72,24 @@ ResolvedMaterial unpack_material(uvec4 texel) {
 
 // ---- loading ----------------------------------------------------------------------------------------
 
-// An upper bound of the coordinates of a mesh's triangles and of the lengths of their edges.
-vec3 mesh_reach(Mesh mesh) {
+// The offset of rays that leave a pixel's surface: also for the error of reconstructing its position from depth, and,
+// where rays meet another mesh than raster draws, for that mesh, by its bounds.
+float gbuffer_ray_offset(SurfaceInteraction surface, uint instance_index, float view_depth) {
+    float position = max_component(abs(surface.world_position)) + view_depth;
+    float offset = surface.ray_offset + 32.0 * ROUNDING_UNIT * position;
+    Instance instance = instances.at[instance_index];
+    if (!SCENE_PROXIES || instance.mesh == instance.ray_mesh) { return offset; }
+    Mesh mesh = meshes.at[instance.ray_mesh];
+    mat4x3 m = instance.world_from_object;
+    mat3 cofactors = mat3(cross(m[1], m[2]), cross(m[2], m[0]), cross(m[0], m[1]));
+    vec3 object_normal = normalize(surface.geometric_world_normal * mat3(m));
     vec3 largest = max(abs(mesh.bounds_min), abs(mesh.bounds_max));
-    return largest + max_component(mesh.bounds_max - mesh.bounds_min);
+    return offset + world_ray_offset(largest + mesh.bounds_max - mesh.bounds_min, largest, m, cofactors, object_normal);
 }
 
-// Like world_ray_offset, with the bounds of the whole mesh in place of the triangle, which is unknown here, plus the
-// rounding error of reconstructing the position from depth.
-float gbuffer_ray_offset(GBufferSurface surface) {
-    Instance instance = instances.at[surface.instance];
-    mat4x3 m = instance.world_from_object;
-    vec3 reach = mesh_reach(meshes.at[instance.ray_mesh]);
-    if (SCENE_PROXIES) { reach = max(reach, mesh_reach(meshes.at[instance.mesh])); }
-    vec3 object_normal = normalize(surface.geometric_world_normal * mat3(m));
-    mat3 cofactors = mat3(cross(m[1], m[2]), cross(m[2], m[0]), cross(m[0], m[1]));
-    float rounding = 32.0 * ROUNDING_UNIT * (max_component(abs(surface.world_position)) + surface.view_depth);
-    return rounding + world_ray_offset(reach, m, cofactors, object_normal);
+// The upper halves of two positive floats, rounded up.
+uint pack_halves_up(float low, float high) {
+    return (floatBitsToUint(low) + 0xFFFFu) >> 16u | (floatBitsToUint(high) + 0xFFFFu & 0xFFFF0000u);
 }
 
 GBufferSurface unpack_gbuffer(
@@ -122,7 +123,10 @@ GBufferSurface load_gbuffer(uvec2 pixel) {
         imageLoad(gbuffer, at), imageLoad(gbuffer_surface, at).xy, imageLoad(depth, at).x,
         vec2(pixel) + 0.5 + camera.jitter, camera
     );
-    if (surface.exists) { surface.ray_offset = gbuffer_ray_offset(surface); }
+    if (surface.exists) {
+        uint offsets = imageLoad(gbuffer_offsets, at).x;
+        surface.ray_offset = uintBitsToFloat(offsets << 16u);
+    }
     if (SCENE_LOBES && surface.exists) {
         PackedLobes packed = gbuffer_lobes.at[element_index(pixel, camera.size)];
         surface.material =

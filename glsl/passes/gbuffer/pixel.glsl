@@ -22,6 +22,7 @@ struct GBufferPixel {
     uvec4 gbuffer;
     PackedLobes lobes;
     uvec2 surface;
+    uint offsets;
     float depth;
     vec2 motion;
 };
@@ -45,13 +46,14 @@ GBufferPixel resolve_pixel(CameraRay ray, Hit hit, Mesh mesh) {
         gbuffer_texel,
         lobes,
         uvec2(pack_octahedral_2x16(surface.geometric_world_normal), hit.instance),
+        pack_halves_up(gbuffer_ray_offset(surface, hit.instance, view_depth), 0.0),
         camera.near / view_depth,
         hit_motion_vector(hit, mesh)
     );
 }
 
 GBufferPixel resolve_empty_pixel(CameraRay ray) {
-    return GBufferPixel(uvec4(0u), no_packed_lobes(), uvec2(0u, NO_INDEX), 0.0, background_motion_vector(ray));
+    return GBufferPixel(uvec4(0u), no_packed_lobes(), uvec2(0u, NO_INDEX), 0u, 0.0, background_motion_vector(ray));
 }
 
 void store_pixel(uvec2 place, GBufferPixel pixel) {
@@ -59,6 +61,7 @@ void store_pixel(uvec2 place, GBufferPixel pixel) {
     imageStore(gbuffer, at, pixel.gbuffer);
     if (SCENE_LOBES) { gbuffer_lobes.at[element_index(place, camera.size)] = pixel.lobes; }
     imageStore(gbuffer_surface, at, uvec4(pixel.surface, 0u, 0u));
+    imageStore(gbuffer_offsets, at, uvec4(pixel.offsets));
     imageStore(depth, at, vec4(pixel.depth));
     imageStore(motion_vectors, at, vec4(pixel.motion, 0.0, 0.0));
 }

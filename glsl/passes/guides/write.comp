@@ -82,7 +82,9 @@ Guides replace_primary_surface(GBufferSurface seen, uvec2 pixel) {
         count_ray();
         Hit hit = find_surface(walk, rng);
         passes_light = passes_light
-            || max_component(mis_weighted_radiance_along_ray(walk.origin, walk.direction, hit.t, INFINITY)) > 0.0;
+            || max_component(
+                mis_weighted_radiance_along_ray(walk.origin, walk.direction, hit.t, INFINITY, NO_MEDIUM)
+            ) > 0.0;
         instance = hit.instance;
         if (instance == NO_INDEX) {
             path_length = INFINITY;

@@ -7,6 +7,7 @@
 
 #include "passes/paths/per_lobe.glsl"
 #include "passes/rows.glsl"  // IndirectDispatch
+#include "scene/medium.glsl"
 
 // rgb: radiance of a lobe, demodulated at the pixel's surface. w: its hit distance, the length of the first ray
 // (infinite without a hit) of the pixel's first path that sampled its direction from this lobe; 0 if none did; NO_PATH
@@ -35,7 +36,7 @@ struct PathState {
     float sum_of_inverse_pdfs;
     float footprint;
     float cone_width;
-    uint medium;  // Medium.material
+    Medium medium;
 };
 layout(set = 1, scalar) buffer PathsStatesBlock { PathState at[]; } paths_states;  // by pixel
 // Ray queues of the indices of pixels whose paths wait: one of waves with even index, then one of waves with odd index.

@@ -129,7 +129,7 @@ bool is_rough(ResolvedMaterial material) {
 
 // Makes the vertex of the surface that the path's last ray hit.
 void make_path_vertex(inout Path path, inout SurfaceInteraction surface) {
-    path.medium_below = medium_below(path.hit.instance, surface.material);
+    path.medium_below = medium_below(path.hit.instance, surface.material, path.walk.medium);
     regularize(surface.material, path.sum_of_inverse_pdfs);
     disperse(path.walk, path.hit.instance, surface.material, path.rng);
     path.vertex = make_vertex(

@@ -26,7 +26,7 @@ void store_path_state(Path path, uint pixel_index, uint wave_index) {
     paths_states.at[pixel_index] = PathState(
         path.rng, flags, apply_first_weight(path, vec3(1.0)), path.walk.throughput, path.walk.direction,
         path.hit.instance, path.hit.triangle, path.hit.barycentrics, path.sum_of_inverse_pdfs, path.footprint,
-        path.walk.cone_width, path.walk.medium.material
+        path.walk.cone_width, path.walk.medium
     );
 }
 
@@ -49,7 +49,7 @@ Path load_path_state(uint pixel_index) {
     path.sum_of_inverse_pdfs = state.sum_of_inverse_pdfs;
     path.footprint = state.footprint;
     path.walk.cone_width = state.cone_width;
-    path.walk.medium = Medium(state.medium);
+    path.walk.medium = state.medium;
     return path;
 }
 

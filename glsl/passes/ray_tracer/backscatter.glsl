@@ -8,10 +8,11 @@
 #include "scene/brdf.glsl"
 #include "scene/surface.glsl"
 #include "scene/trace.glsl"
+#include "scene/walk.glsl"
 
 struct Echo {
     vec3 backscatter;  // the BRDF towards where the light came from, times the cosine, in 1/sr
-    vec3 passed;       // the share of light that goes straight on
+    vec3 passed;       // the share of light that goes straight on; both with what solids before the surface absorb
 };
 
 const Echo NO_ECHO = Echo(vec3(0.0), vec3(1.0));
@@ -24,7 +25,9 @@ vec3 passed_by_glass(ResolvedMaterial material, float cosine) {
     return material.base.color * share * (1.0 - dielectric_fresnel(material.glass.ior, cosine));
 }
 
-Echo find_echo(Hit hit, vec3 direction) {
+// `way`: from where the ray starts to the surface. A solid on it absorbs light there and back.
+Echo find_echo(Hit hit, vec3 origin, vec3 way) {
+    vec3 direction = normalize(way);
     SurfaceInteraction surface = resolve_surface_interaction(hit, direction, 0.0);
     ResolvedMaterial material = surface.material;
     vec4 filter_opacity = resolve_filter_opacity(hit.instance, hit.triangle, hit.barycentrics, direction, false);
@@ -42,7 +45,9 @@ Echo find_echo(Hit hit, vec3 direction) {
         }
     }
     Brdf brdf = prepare_brdf(material, wo);
-    echo.backscatter = opacity * brdf_times_cosine(brdf, wo, wo);
+    vec3 arrives = transmittance(find_medium(origin + 0.5 * way), length(way));
+    echo.passed *= arrives;
+    echo.backscatter = opacity * arrives * arrives * brdf_times_cosine(brdf, wo, wo);
     return echo;
 }
 

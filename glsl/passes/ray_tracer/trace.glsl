@@ -64,14 +64,18 @@ void trace_rays() {
     if (hit.instance != NO_INDEX) {
         Instance instance = instances.at[hit.instance];
         TrianglePoint point = resolve_triangle(instance, meshes.at[instance.ray_mesh], hit.triangle, hit.barycentrics);
+        vec3 position = position_on_ray(
+            point.world_position, point.geometric_world_normal, point.extent, origin, hit.t * direction
+        );
         traced = TracedHit(
             hit.t, hit.instance, triangle_orders.at[order_starts.at[instance.ray_mesh] + hit.triangle],
-            hit.barycentrics, uint(hit.front_face), point.world_position, point.geometric_world_normal
+            hit.barycentrics, uint(hit.front_face), position, point.geometric_world_normal
         );
     }
     ray_hits.at[i] = traced;
 #ifdef BACKSCATTER
-    ray_echoes.at[i] = hit.instance == NO_INDEX ? NO_ECHO : find_echo(hit, normalize(direction));
+    ray_echoes.at[i] = hit.instance == NO_INDEX ? NO_ECHO
+        : find_echo(hit, origin + t_min * direction, (hit.t - t_min) * direction);
 #endif
 }
 

@@ -25,6 +25,7 @@ void store_empty_aovs(uint index) {
 void store_aovs(uint index, CameraRay ray, Hit hit, Mesh mesh) {
     SurfaceInteraction surface =
         resolve_surface_interaction(hit, mesh, ray.direction, ray.cone_width + ray.cone_spread * hit.t);
+    move_to_ray(surface, ray.origin, hit.t * ray.direction);
     STORE_FIRST_HITS(index)
 }
 

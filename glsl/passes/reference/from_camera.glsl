@@ -15,4 +15,9 @@ bool start_path(uvec2 pixel, inout Path path, inout Vertex vertex, inout uint rn
     return false;
 }
 
+vec3 start_position(uvec2 pixel) {
+    CameraRay ray = make_camera_ray(vec2(pixel) + 0.5);
+    return ray.origin + ray.t_min * ray.direction;
+}
+
 #endif

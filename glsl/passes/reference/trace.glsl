@@ -28,6 +28,9 @@ struct Vertex {
 // which the walk goes on, and returns true.
 bool start_path(uvec2 pixel, inout Path path, inout Vertex vertex, inout uint rng);
 
+// Where the paths of a pixel start, without jitter.
+vec3 start_position(uvec2 pixel);
+
 // The samples that a pixel takes in this dispatch: from index x to y - 1.
 uvec2 sample_range(uvec2 pixel);
 
@@ -56,7 +59,7 @@ bool reach_vertex(inout Path path, inout Vertex vertex, inout uint rng) {
     vertex.wo = -path.walk.direction * vertex.frame;
     disperse(path.walk, segment.hit.instance, surface.material, rng);
     vertex.brdf = prepare_brdf(surface.material, vertex.wo);
-    vertex.below = medium_below(segment.hit.instance, surface.material);
+    vertex.below = medium_below(segment.hit.instance, surface.material, path.walk.medium);
     return true;
 }
 
@@ -127,6 +130,8 @@ void trace_paths() {
         path.rays = ray_count.at[index];
     }
 
+    Medium medium = find_medium(start_position(pixel));
+
     // One loop over the rays of all samples: when a path ends, the next one starts, so invocations don't wait for the
     // longest path of their neighbors.
     bool path_ended = true;
@@ -148,6 +153,7 @@ void trace_paths() {
         rng = seed_rng(pixel, path.bounce, seed);  // the same for all samples, whatever they drew before
 #endif
         bool at_vertex = path_ended && start_path(pixel, path, vertex, rng);
+        if (path_ended) { path.walk.medium = medium; }
         at_vertex = at_vertex || reach_vertex(path, vertex, rng);
         path_ended = !at_vertex || !leave_vertex(path, vertex, rng);
         if (path_ended) {

@@ -26,6 +26,7 @@ void main() {
     Path path = start_path(rng);
     path.vertex = make_vertex(surface.world_position, normal, surface.ray_offset, normal, normal);
     path.vertex.brdf = lambert_brdf(vec3(1.0));
+    path.walk.medium = find_medium(path.vertex.origin);
     path.candidates = world_cache_settings.candidates;
     path.lobe_u = rand_f(path.rng);
     path.u = rand_vec2f(path.rng);

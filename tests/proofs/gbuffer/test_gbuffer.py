@@ -213,7 +213,7 @@ test_a_seeded_bug_is_noticed = bug_tests(
             Bug(
                 "passes/gbuffer/gbuffer.glsl",
                 "gbuffer_ray_offset",
-                "return 32.0 * ROUNDING_UNIT * (max_component(abs(surface.world_position)) + surface.view_depth);",
+                "return 32.0 * ROUNDING_UNIT * (max_component(abs(surface.world_position)) + view_depth);",
             ),
         ),
     }

@@ -99,7 +99,7 @@ test_a_seeded_bug_is_noticed = bug_tests(
     {
         "a solid absorbs nothing": (
             test_a_solid_absorbs_by_the_law_of_beer_and_lambert,
-            Bug("scene/walk.glsl", "transmittance", "return vec3(1.0);"),
+            Bug("scene/medium.glsl", "transmittance", "return vec3(1.0);"),
         ),
         "a pane doesn't color light": (
             lambda device: test_shadow_rays(device, "nee", {}, PASSES),

@@ -404,7 +404,11 @@ test_a_seeded_bug_is_noticed = bug_tests(
         ),
         BEFORE: (
             measure_parts,
-            Bug("passes/display/emission.glsl", "visible_emission", "return this_frame.exposure * correct(pixel);"),
+            Bug(
+                "passes/display/emission.glsl",
+                "visible_emission",
+                "return this_frame.exposure * correct(pixel, medium);",
+            ),
         ),
         "mirrors": (measure_one_mirror, Bug(MIRRORS_FILE, "append_mirror", "return chain;")),
         "motion in mirrors": (

@@ -162,7 +162,9 @@ test_a_seeded_bug_is_noticed = bug_tests(
         "offsets": (
             with_shaders(test_offsets, 1e-3),
             Bug(
-                SURFACE, "world_ray_offset", "return 0.1 * correct(reach, world_from_object, cofactors, object_normal);"
+                SURFACE,
+                "world_ray_offset",
+                "return 0.1 * correct(reach, object_position, world_from_object, cofactors, object_normal);",
             ),
         ),
         "offsets of lights": (

@@ -4,6 +4,7 @@
 #version 460
 #include "common/pixel.glsl"
 #include "passes/bindings.glsl"
+#include "passes/camera_medium.glsl"
 #include "passes/gbuffer/gbuffer.glsl"
 #include "passes/specular_chain.glsl"
 #include "passes/ray_count.glsl"
@@ -84,7 +85,7 @@ vec3 trace_path(Walk walk, Cone cone, inout uint rng, out float first_t) {
         }
 
         Brdf brdf = prepare_brdf(surface.material, wo);
-        Medium below = medium_below(segment.hit.instance, surface.material);
+        Medium below = medium_below(segment.hit.instance, surface.material, walk.medium);
         receiver = Receiver(surface.world_position, surface.world_normal);
         NextEvent event;
         event.radiance = vec3(0.0);
@@ -156,7 +157,8 @@ void main() {
     float distance = length(surface.world_position - camera_ray.origin);
     Walk walk = start_walk(camera_ray);
     walk.cone_width += walk.cone_spread * distance;
-    Medium below = medium_below(surface.instance, surface.material);
+    walk.medium = camera_medium();
+    Medium below = medium_below(surface.instance, surface.material, walk.medium);
     bool valid = scatter(walk, next, frame, surface.geometric_world_normal, below);
     if (!(valid && max_component(walk.throughput) > 0.0)) { return; }
     walk.origin = ray_origin(

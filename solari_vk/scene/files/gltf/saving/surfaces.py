@@ -82,7 +82,7 @@ class Surfaces:
         # Empty fields are left out: these are the format's defaults.
         fields["alphaMode"] = material.alpha_mode.upper() if material.alpha_mode != "opaque" else None
         fields["alphaCutoff"] = material.alpha_cutoff if material.alpha_mode == "mask" else None
-        fields["doubleSided"] = not material.hides_back or None
+        fields["doubleSided"] = material.double_sided is not False or None
         fields["extras"] = {EXTRAS: {FRONT_EMITS: True}} if material.double_sided is None else None
         holder: dict[str, Any] = {}
         if material.unlit:

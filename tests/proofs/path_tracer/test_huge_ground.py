@@ -1,0 +1,104 @@
+"""What is small is lit as well on a ground that reaches far: origins of rays, positions, points of `illuminance`."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from support.frames import PATHS, PLAIN_PATHS, make_renderer
+from support.seeded_bugs import Bug, bug_tests
+
+import solari_vk as sv
+from solari_vk.scene import shapes
+from solari_vk.scene.matrices import rotation
+
+CUBE, GRAY = 0.02, sv.Material(base_color=0.5, reflectance=0)
+TILT = np.eye(4)
+TILT[:3, :3] = rotation(np.array((1.0, 0.3, 0.2)), 0.7)
+GROUNDS = {  # half the size of the quad, its transform, and that of the whole scene
+    "a large quad": (1e5, np.eye(4), np.eye(4)),
+    "a scaled quad": (1.0, np.diag((1e5, 1e5, 1e5, 1)), np.eye(4)),
+    "a stretched quad": (1.0, np.diag((1e5, 1, 1e5, 1)), np.eye(4)),
+    "a scaled quad on a slope": (1.0, np.diag((1e5, 1e5, 1e5, 1)), TILT),
+}
+SMALL = (10.0, np.eye(4), np.eye(4))
+
+
+def place(half, ground, turn):
+    """A cube of 2 cm on a ground, in the sun, and a camera that sees its shadow."""
+    scene = sv.Scene()
+    scene.add(shapes.quad((0, 0, 0), (half, 0, 0), (0, 0, -half)), GRAY, transform=turn @ ground)
+    scene.add(shapes.box((-CUBE / 2, 0, -CUBE / 2), (CUBE / 2, CUBE, CUBE / 2)), GRAY, transform=turn)
+    scene.environment = sv.Environment((1.0, 1.0, 1.0))
+    axes = turn[:3, :3]
+    scene.add(sv.DirectionalLight(axes @ (-1, -1, 0), illuminance=3.0))
+    eye, target = axes @ (-CUBE, 7.5 * CUBE, 0), axes @ (-CUBE, 0, -CUBE / 200)
+    scene.camera = sv.Camera.look_at(eye, target, vertical_fov=0.1, ev100=0, near=1e-3)
+    return scene
+
+
+def traced(device, scene):
+    with sv.PathTracer(device, scene, (8, 8)) as tracer:
+        return float(np.mean(tracer.render(samples=256)["raw_radiance"]))
+
+
+def framed(device, scene):
+    with make_renderer(device, scene, (8, 8), passes=PATHS, gbuffer="traced", **PLAIN_PATHS) as renderer:
+        return float(np.mean([np.mean(renderer.render()["raw_radiance"]) for _ in range(64)]))
+
+
+def check_shadows(device, ways=(traced, framed), names=tuple(GROUNDS)):
+    expected = traced(device, place(*SMALL))
+    for name in names:
+        for way in ways:
+            found = way(device, place(*GROUNDS[name])) / expected
+            assert abs(found - 1) < 0.04, f"{name}, {way.__name__}: {found:.3f}"
+
+
+def test_shadows(device):
+    check_shadows(device)
+
+
+@pytest.mark.parametrize("name", GROUNDS)
+def test_positions(device, name):
+    """Rays meet the ground where they should, though barycentrics have a step of a centimeter there."""
+    half, ground, turn = GROUNDS[name]
+    axes, scene = turn[:3, :3], place(half, ground, turn)
+    points = np.random.default_rng(3).uniform(-0.1, 0.1, (100, 3)) * (1, 0, 1) + np.array((0.2, 0, 0))
+    with sv.RayTracer(device, scene) as tracer:
+        hits = tracer.trace((points + np.array((0.05, 0.1, 0))) @ axes.T, np.tile(axes @ (-0.05, -0.1, 0), (100, 1)))
+    assert np.abs(hits.position - points @ axes.T).max() < 1e-6
+
+
+def check_illuminance(device):
+    """A point beside the cube is in its shadow."""
+    points, normal = [(-0.015, 0, 0), (-0.3, 0, 0)], (0, 1, 0)
+    expected = sv.illuminance(device, place(*SMALL), points, normal, samples=4096).lux
+    for name, (half, ground, turn) in GROUNDS.items():
+        at = np.asarray(points) @ turn[:3, :3].T
+        found = sv.illuminance(device, place(half, ground, turn), at, turn[:3, :3] @ normal, samples=4096).lux
+        np.testing.assert_allclose(found, expected, rtol=0.04, err_msg=name)
+
+
+def test_illuminance(device):
+    check_illuminance(device)
+
+
+SURFACE = "scene/surface.glsl"
+test_a_seeded_bug_is_noticed = bug_tests(
+    {
+        "offsets by the largest extent": (
+            lambda device: check_shadows(device, (traced,), ("a large quad",)),
+            Bug(
+                SURFACE,
+                "world_ray_offset",
+                "return correct(vec3(max_component(reach)), object_position, world_from_object, cofactors,"
+                " object_normal);",
+            ),
+        ),
+        "positions by barycentrics": (
+            lambda device: test_positions(device, "a large quad"),
+            Bug(SURFACE, "position_on_ray", "return position;"),
+        ),
+    },
+    quick=("positions by barycentrics",),
+)
