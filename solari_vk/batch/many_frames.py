@@ -52,18 +52,42 @@ class Result(NamedTuple):
             source.record_copy(cmd, target.handle, size=self.size, offset=offset, begin=begin)
 
 
-class FrameMemory:
-    """The memory of the results of several frames, by their names.
+class LentMemory:
+    """Memory that arrays and tensors may show. It stays as long as one of them does, also after `close`.
 
-    Arrays and tensors may show it: it stays as long as one of them does, also after `close`.
+    free: frees it, and may be called twice.
     """
 
+    def __init__(self, device: Device, free: Callable[[], None]) -> None:
+        self.is_closed = False
+        self._device = device
+        self._free = free
+        self._arrays = 0
+
+    def lend(self, memory: NDArray[Any]) -> None:
+        """Count an array that shows the memory, until it and all that was made of it are gone."""
+        self._arrays += 1
+        self._device.loans.lend(memory, self._take_back)
+
+    def _take_back(self) -> None:
+        self._arrays -= 1
+        if self.is_closed:
+            self.close()
+
+    def close(self) -> None:
+        """Free the memory, when no array shows it any more. Safe to call twice."""
+        self.is_closed = True
+        if not self._arrays:
+            self._free()
+
+
+class FrameMemory(LentMemory):
+    """The memory of the results of several frames, by their names."""
+
     def __init__(self, device: Device, results: Mapping[str, Result], frames: int) -> None:
+        super().__init__(device, self._destroy)
         self.frames = frames
         self.buffers: dict[str, Buffer] = {}
-        self._device = device
-        self._tensors = 0
-        self._closed = False
         with device.undone_on_error():
             for name, result in results.items():
                 self.buffers[name] = device.buffer(frames * result.size, f"frames of {name}")
@@ -73,23 +97,9 @@ class FrameMemory:
         sizes = [(name, frames * result.size) for name, result in results.items()]
         return sizes == [(name, buffer.size) for name, buffer in self.buffers.items()]
 
-    def lend(self, memory: NDArray[Any]) -> None:
-        """Count an array that shows the memory."""
-        self._tensors += 1
-        self._device.loans.lend(memory, self._release_tensor)
-
-    def _release_tensor(self) -> None:
-        """A tensor, and all that was made of it, is gone."""
-        self._tensors -= 1
-        if self._closed:
-            self.close()
-
-    def close(self) -> None:
-        """Free the memory, when no tensor shows it any more. Safe to call twice."""
-        self._closed = True
-        if not self._tensors:
-            for buffer in self.buffers.values():
-                buffer.destroy()
+    def _destroy(self) -> None:
+        for buffer in self.buffers.values():
+            buffer.destroy()
 
 
 class FrameResults(Mapping[str, NDArray[Any]]):

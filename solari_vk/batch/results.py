@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from solari_vk.base.errors import Hints, SolariError, unknown_name
 from solari_vk.batch.batch_renderers import BatchPathTracer, BatchRenderer
-from solari_vk.batch.many_frames import FrameResults, Result
+from solari_vk.batch.many_frames import FrameResults, LentMemory, Result
 from solari_vk.batch.options import RADIANCE_NAMES
 from solari_vk.bound.binder import SceneBinder
 from solari_vk.gpu.device.buffer import Buffer
@@ -31,9 +31,7 @@ class BatchResults(Hints):
     size: tuple[int, int]
     views: int
     _names: tuple[str, ...] = ()
-    _rendered = _closed = False
-    # Arrays and tensors that show the results' memory, which stays as long as one of them does, also after `close`.
-    _tensors = 0
+    _rendered = False
     _many: FrameResults | None = None
     _labels: SceneFrame | None = None
     _paths: BatchPathTracer | None = None
@@ -42,6 +40,7 @@ class BatchResults(Hints):
     def __init__(self, device: Device, scene: Scene | SceneBinder | Sequence[Scene]) -> None:
         self.device = device
         self._owned = ExitStack()
+        self._memory = LentMemory(device, self._owned.close)
         self.binder = bind_scene(device, scene, type(self).__name__, self._owned, many=True)
         # Poses have a port of their own: what it refuses concerns this batch, and no other renderer of the binder.
         try:
@@ -112,19 +111,9 @@ class BatchResults(Hints):
             return tensor
         self.device.sync_host()
         memory = buffer.view(result.dtype, result.value_count)
-        self._lend(memory)
+        self._memory.lend(memory)
         tensor = self._shaped(name, memory)
         return tensor
-
-    def _lend(self, memory: NDArray[Any]) -> None:
-        self._tensors += 1
-        self.device.loans.lend(memory, self._release_tensor)
-
-    def _release_tensor(self) -> None:
-        """A tensor, and all that was made of it, is gone."""
-        self._tensors -= 1
-        if self._closed:
-            self.close()
 
     def _place(self, name: str) -> tuple[SceneFrame, str]:
         """The frame that has a result, and the name of its buffer."""
@@ -163,9 +152,7 @@ class BatchResults(Hints):
 
     def close(self) -> None:
         """Free everything on the device, when no tensor needs it any more. Safe to call twice."""
-        self._closed = True
-        if not self._tensors:
-            self._owned.close()
+        self._memory.close()
 
     def __enter__(self) -> Self:
         return self
@@ -178,7 +165,7 @@ class BatchResults(Hints):
         return f"<Batch of {self.views} views {width}x{height} on {self.device.name}: {', '.join(self._names)}>"
 
     def _check_open(self) -> None:
-        if self._closed:
+        if self._memory.is_closed:
             raise SolariError("nothing can be rendered or read: the batch was closed; make a new one")
 
     def _check_tensors(self) -> None:
