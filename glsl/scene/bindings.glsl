@@ -141,6 +141,7 @@ struct SceneInfo {
     uint first_environment;        // where the light of the first record in `environments` is
     uint first_portal_record;      // into `portals`
     float tree_probability;        // that a leaf of the tree is chosen by `by_power`
+    vec3 origin;                   // from which coordinates count, in the scene's own: Scene.origin
     uint absent_features;          // WITHOUT_BLEND, WITHOUT_DISPERSION: features that only other worlds have
 };
 

@@ -103,7 +103,6 @@ class Batch(BatchResults):
             record = self._views_binding.element
             assert record is not None
             self.size = checked_size(device, size, self.views, record.itemsize, renderer)
-            self._cameras = view_cameras.CameraReader(record["current"], self.views, self.size)
             # The views' pictures one below the other, of which a dispatch renders some rows.
             self._strip = self.size[0], self.size[1] * self.views
             self._rows = reference.rows_of(self._strip, passes.MAX_PIXELS)
@@ -114,6 +113,9 @@ class Batch(BatchResults):
             self.binder.update()
             shown = len(self.binder.listed_records) if self.binder.has_many_scenes else worlds
             count = checked_worlds(device, shown, self.views, renderer)
+            each = [records.origin for records in self.binder.listed_records]
+            origins = np.repeat(each, self.views // len(each), axis=0)
+            self._cameras = view_cameras.CameraReader(record["current"], self.views, self.size, origins)
             self._worlds = Worlds(device, self.binder, count, self._port)
             self._owned.callback(self._worlds.destroy)
             self._worlds.update()

@@ -131,7 +131,7 @@ class ViewBuffer:
             if self._tensor_rows is None:
                 self._tensor_rows = self._device.buffer(4 * MATRIX_NUMBERS * self._count, "cameras of tensors")
             address = self._tensor_rows.address
-            self._write_tensor(matrices, address)
+            self._write_tensor(matrices, address, cameras.origins[0])
         else:
             self._rows[:] = matrices
         # The first frame has no records before, whose cameras could be the previous ones.
@@ -143,11 +143,11 @@ class ViewBuffer:
         self._frame.upload()
         self._first = self._written = False
 
-    def _write_tensor(self, transforms: DeviceTensor, rows: int) -> None:
+    def _write_tensor(self, transforms: DeviceTensor, rows: int, origin: NDArray[np.float64]) -> None:
         """Have the 24 numbers of the matrices of each camera written, each as a row for all cameras, at an address."""
         field = "Batch.render: the pose"
         pushed = {
-            **self._port.matrices(transforms, self._count),
+            **self._port.matrices(transforms, self._count, origin),
             **self._port.refusal(field, rule(field, "view", POSE_RULE)),
             "first": rows,
         }

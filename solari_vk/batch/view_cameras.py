@@ -54,6 +54,8 @@ class ViewCameras(NamedTuple):
     matrices: DeviceTensor | NDArray[np.float32]
     """Their world_from_view and view_from_world, (MATRIX_NUMBERS, N), or transforms in a tensor of the device, of which
     a shader makes these."""
+    origins: Floats
+    """From where each view's scene counts its coordinates on the device, (N, 3): `Scene.origin`."""
 
 
 def array(value: Any, what: str, *shapes: tuple[int, ...], where: str) -> Floats:
@@ -133,19 +135,23 @@ def camera_matrices(axes: Floats, origins: Floats, crossed: Floats, volume: Floa
     return made.reshape(MATRIX_NUMBERS, -1)
 
 
-def read_cameras(records: NDArray[Any], cameras: Sequence[Camera], size: tuple[int, int]) -> ViewCameras:
+def read_cameras(
+    records: NDArray[Any], cameras: Sequence[Camera], size: tuple[int, int], origins: Floats
+) -> ViewCameras:
     """Write the records (N,) of cameras of any kind, one after the other."""
     packed, begin = packing(records.dtype, FIELDS)
     memory = records.view(np.uint8).data
     count = len(cameras)
     matrices = np.zeros((MATRIX_NUMBERS, count), np.float32)
-    written = ViewCameras(records, [], {}, np.zeros((count, 2)), np.zeros((count, 2)), np.zeros(count), matrices)
+    jitters, shifts = np.zeros((2, count, 2))
+    written = ViewCameras(records, [], {}, jitters, shifts, np.zeros(count), matrices, origins)
     for index, camera in enumerate(cameras):
         found = Projection.of(camera, size)
         jitter = map(sum, zip(found.jitter, found.principal_shift, strict=True))
         at = index * records.dtype.itemsize + begin
         shift = found.principal_shift
-        packed.pack_into(memory, at, *found.numbers, *size, *size, *jitter, *shift, 0.0, 0.0, *found.lens)
+        numbers = found.numbers_from(origins[index].tolist())
+        packed.pack_into(memory, at, *numbers, *size, *size, *jitter, *shift, 0.0, 0.0, *found.lens)
         written.jitter[index] = found.jitter
         written.principal_shift[index] = shift
         written.exposure[index] = found.exposure
@@ -223,15 +229,18 @@ def camera_of(cameras: Any, read: ViewCameras, view: int) -> Camera | None:
         return None
     transform = np.eye(4)
     transform[:3] = read.matrices[:12, view].reshape(4, 3).T
+    transform[:3, 3] += read.origins[view]
     record = read.records[view]
     fov = 2 * math.atan(float(record["tan_half_fov"][1]))
     return Camera(transform=transform, vertical_fov=fov, near=float(record["near"]))
 
 
 class CameraReader:
-    """Reads the cameras of a batch's frames. dtype: struct Camera. count: of views. size: of a view in pixels."""
+    """Reads the cameras of a batch's frames. dtype: struct Camera. count: of views. size: of a view in pixels.
+    origins: of `ViewCameras`."""
 
-    def __init__(self, dtype: np.dtype[Any], count: int, size: tuple[int, int]) -> None:
+    def __init__(self, dtype: np.dtype[Any], count: int, size: tuple[int, int], origins: Floats) -> None:
+        self._origins = origins
         self._dtype = dtype
         self._count = count
         self._size = size
@@ -247,15 +256,22 @@ class CameraReader:
         if found is not None:
             if options:
                 raise SolariError(f"{where}: Camera objects have their own {', '.join(options)}: leave it out")
-            return read_cameras(np.zeros(self._count, self._dtype), found, self._size)
+            return read_cameras(np.zeros(self._count, self._dtype), found, self._size, self._origins)
         matrices: DeviceTensor | NDArray[np.float32]
         if isinstance(cameras, DeviceTensor):
+            if (self._origins != self._origins[0]).any():
+                raise SolariError(
+                    f"{where}: the scenes of these worlds have different origins, which a tensor of cameras can't "
+                    "follow: assign the same `Scene.origin` to all before the batch is made, or give an array in "
+                    "the host's memory"
+                )
             matrices = cameras
         else:
             transforms = array(cameras, "cameras", (self._count, 4, 4), where=where)
             checked = check_transforms(transforms, "the pose", where)
             warn_of_mirroring(float(checked[-1].min(initial=0)), f"{where}: a transform of cameras")
-            matrices = camera_matrices(*checked)
+            axes, places, *rest = checked
+            matrices = camera_matrices(axes, places - self._origins.T, *rest)
         return self._pinholes_of(options, where)._replace(matrices=matrices)
 
     def _pinholes_of(self, options: Mapping[str, Any], where: str) -> ViewCameras:
@@ -303,7 +319,7 @@ class CameraReader:
         records["lens"]["reach"] = UNLIMITED
         exposure = _each(exposure_of, ev100)
         no_matrices = np.empty((0, count), np.float32)
-        return ViewCameras(records, [], {}, np.zeros((count, 2)), shift, exposure, no_matrices)
+        return ViewCameras(records, [], {}, np.zeros((count, 2)), shift, exposure, no_matrices, self._origins)
 
     def _intrinsics_of(self, numbers: Mapping[str, Floats], where: str) -> tuple[Floats, Floats]:
         """As `of_fov`, of what gives the lens: at most one of fov, vertical_fov and K."""

@@ -286,7 +286,7 @@ class WorldLightLists:
     def _make(self, lights: Sequence[Light], emitters: Sequence[_Emitter]) -> SharedList:
         binder = self._binder
         records = binder.records
-        made = LightList(self._device, self._dtypes, self._data)
+        made = LightList(self._device, self._dtypes, self._binder.origin, self._data)
         copies = []
         for instance, material, transform in emitters:
             # A copy of the instance takes its place in the list, with what it has in this world.

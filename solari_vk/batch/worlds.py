@@ -320,8 +320,10 @@ class Worlds:
         row = records.instance_rows[instance]
         place = records.traced.record_index(row)
         if override.transforms is not None and not isinstance(override.transforms, DeviceTensor):
-            self._instances["world_from_object"][:, row] = override.transforms[:, :3].transpose(0, 2, 1)
-            self._traced["transform"][:, place] = override.transforms[:, :3]
+            placed = override.transforms[:, :3].copy()
+            placed[..., 3] -= records.origin
+            self._instances["world_from_object"][:, row] = placed.transpose(0, 2, 1)
+            self._traced["transform"][:, place] = placed
         if override.materials is not None:
             self._instances["material"][:, row] = override.materials
             self._traced["sbt_offset_and_flags"][:, place] = override.flags
@@ -361,7 +363,7 @@ class Worlds:
         name = instance.describe()
         field = f"Batch.transforms: {name}"
         pushed = {
-            **self.port.matrices(transforms, self.count),
+            **self.port.matrices(transforms, self.count, self._binder.origin),
             **self.port.refusal(field, rule(field, "world", POSE_RULE)),
             **places,
         }

@@ -76,10 +76,12 @@ class SceneBinder:
         if self.has_many_scenes:
             table = HostTable
             shared = SharedBuffers()
-        return [
-            SceneRecords(self.device, scene, self.assets, table, LightList(self.device, block_dtypes, shared))
-            for scene in scenes
-        ]
+        records = []
+        for scene in scenes:
+            origin = scene.origin
+            lights = LightList(self.device, block_dtypes, origin, shared)
+            records.append(SceneRecords(self.device, scene, self.assets, table, lights, origin))
+        return records
 
     def _device_tables(self) -> tuple[Table, ...]:
         if self.has_many_scenes:
@@ -93,6 +95,12 @@ class SceneBinder:
     def records(self) -> SceneRecords:
         """The instances and lights of the first scene."""
         return self._all_records[0]
+
+    @property
+    def origin(self) -> NDArray[np.float64]:
+        """From where the coordinates on the device count, (3,): the first scene's `Scene.origin`, as it was when the
+        binder was made."""
+        return self.records.origin
 
     @property
     def scene(self) -> Scene:

@@ -6,8 +6,12 @@ glsl/scene/camera_block.glsl declares the blocks.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from operator import is_
 from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
 
 from solari_vk.gpu.frame.uniforms import Uniforms
 from solari_vk.scene.calibrated import LENS_FIELDS, lens_of
@@ -71,6 +75,11 @@ SEED_STRIDE = 7919
 JITTERS = jitters(32)
 
 
+# Where the numbers of a projection have the camera's position, and the columns of view_from_world.
+_POSITION = 9
+_INVERSE = 12
+
+
 class Projection(NamedTuple):
     """A camera over a picture of some size, in plain numbers."""
 
@@ -90,6 +99,16 @@ class Projection(NamedTuple):
     def view(self) -> tuple[Any, ...]:
         """All that decides on what each pixel shows."""
         return self.numbers, self.jitter, self.principal_shift, self.lens
+
+    def numbers_from(self, origin: Sequence[float]) -> Numbers:
+        """`numbers` in coordinates that count from an origin (3,): the scene's."""
+        if not any(origin):
+            return self.numbers
+        numbers = self.numbers
+        x, y, z = (numbers[_POSITION + axis] - origin[axis] for axis in range(3))
+        rows = (numbers[_INVERSE + axis : _INVERSE + 9 : 3] for axis in range(3))
+        moved = (-a * x - b * y - c * z for a, b, c in rows)
+        return (*numbers[:_POSITION], x, y, z, *numbers[_INVERSE : _INVERSE + 9], *moved, *numbers[_INVERSE + 12 :])
 
     @classmethod
     def of(cls, camera: Camera, size: tuple[int, int], known: Projection | None = None) -> Projection:
@@ -157,9 +176,10 @@ def _cross(a: tuple[float, float, float], b: tuple[float, float, float]) -> tupl
 
 
 class CameraUniforms:
-    """Writes a camera to the uniform blocks of a frame's shaders, frame by frame."""
+    """Writes a camera to the uniform blocks of a frame's shaders, frame by frame. origin: the scene's, (3,)."""
 
-    def __init__(self, uniforms: Uniforms) -> None:
+    def __init__(self, uniforms: Uniforms, origin: ArrayLike = (0.0, 0.0, 0.0)) -> None:
+        self._origin: list[float] = np.asarray(origin, np.float64).tolist()
         self._current = uniforms.writer("camera", FIELDS)
         self._previous = uniforms.writer("previous_camera", FIELDS)
         self._projection: Projection | None = None
@@ -206,7 +226,8 @@ class CameraUniforms:
             projection.jitter[0] * across + offset[0] + shift[0],
             projection.jitter[1] * down + offset[1] + shift[1],
         )
-        numbers = (*projection.numbers, width, height, *size, *jitter, *shift, *lens_offset, *projection.lens)
+        placed = projection.numbers_from(self._origin)
+        numbers = (*placed, width, height, *size, *jitter, *shift, *lens_offset, *projection.lens)
         self._current.write(*numbers)
         self._previous.write(*(self._latest if has_history else numbers))
         self._latest = numbers

@@ -9,6 +9,9 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from solari_vk.base.errors import SolariError
 from solari_vk.bound.assets import Assets
 from solari_vk.bound.constants import NO_INDEX, WITHOUT_BLEND, WITHOUT_DISPERSION
@@ -32,11 +35,22 @@ INSTANCE = ("world_from_object", "mesh", "ray_mesh", "material", "light_index", 
 
 class SceneRecords:
     """The instances and lights of a scene as records. assets: what it may share with other scenes. table: makes the
-    tables of the records. lights: the scene's list of lights.
+    tables of the records. lights: the scene's list of lights. origin: the scene's, from which all coordinates in
+    the records count, (3,).
     """
 
-    def __init__(self, device: Device, scene: Scene, assets: Assets, table: MakeTable, lights: LightList) -> None:
+    def __init__(
+        self,
+        device: Device,
+        scene: Scene,
+        assets: Assets,
+        table: MakeTable,
+        lights: LightList,
+        origin: NDArray[np.float64],
+    ) -> None:
         self.scene = scene
+        self.origin = origin
+        self._origin: list[float] = origin.tolist()
         self.lights = lights  # as of the latest `write`
         self.traced = TracedRecords(table)
         self.instance_table = table("instances", assets.block_dtypes["instances"], INSTANCE)
@@ -308,7 +322,8 @@ class SceneRecords:
         """What `LightList.set_emissive` is told of an instance that emits light: its emission, which lasts until
         `emissions` releases it, its area, position and half size. original: the scene's instance with its meshes."""
         _, device_mesh, _ = self._uses[original]
-        position, half_size, volume = placed_box(instance.transform, *self._geometry.box(device_mesh))
+        center, half_size, volume = placed_box(instance.transform, *self._geometry.box(device_mesh))
+        position = center[0] - self._origin[0], center[1] - self._origin[1], center[2] - self._origin[2]
         emission = self.emissions.acquire(instance, self._geometry.orders[device_mesh])
         # An instance that is scaled by s has s^2 times the area, and s^3 times the volume.
         return emission, volume ** (2 / 3) * emission.area_in(instance.joint_matrices), position, half_size
@@ -353,6 +368,9 @@ class SceneRecords:
         if material.disperses:
             self.absent_features &= ~WITHOUT_DISPERSION
         (a, b, c, x), (d, e, f, y), (g, h, i, z), _ = instance.transform.tolist()
+        x -= self._origin[0]
+        y -= self._origin[1]
+        z -= self._origin[2]
         columns = (a, d, g, b, e, h, c, f, i, x, y, z)  # matrices of GLSL lie in memory column by column
         self.instance_table.set(
             row,

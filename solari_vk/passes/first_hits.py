@@ -45,7 +45,11 @@ FIRST_HITS = {
         "float", "hit.t", "along the ray, from the camera, in meters; inf where nothing is", "INFINITY", "hit.t"
     ),
     "position": FirstHit(
-        "vec3", "surface.world_position", "in the world, in meters", "vec3(0.0)", "point.world_position"
+        "vec3",
+        "surface.world_position + scene_info.origin",
+        "in the world, in meters",
+        "vec3(0.0)",
+        "point.world_position + scene_info.origin",
     ),
     "geometric_normal": FirstHit(
         "vec3",

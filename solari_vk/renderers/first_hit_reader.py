@@ -75,7 +75,7 @@ class FirstHitReader:
             self._motion_built = built
         frame = self._motion
         frame.bind({"previous_instances": instances})
-        camera = CameraUniforms(frame.uniforms)
+        camera = CameraUniforms(frame.uniforms, self._binder.origin)
         camera.write_projection(projections[1], size, render_size=rendered)
         camera.write_projection(projections[0], size, render_size=rendered, has_history=True)
         self._submit(frame, rendered, rows)
@@ -116,7 +116,7 @@ class FirstHitReader:
         # All outputs of a view are computed together, and read one by one.
         view = self._binder.scene_revision, projection.view, offset
         if view != self._computed_for:
-            CameraUniforms(self._frame.uniforms).write_projection(projection, size, offset)
+            CameraUniforms(self._frame.uniforms, self._binder.origin).write_projection(projection, size, offset)
             self._submit(self._frame, size, rows)
             self._computed_for = view
         return self._frame

@@ -118,6 +118,7 @@ class _PointTracer(PathTracer):
         # may be off it. The shader lifts it as far as that surface needs.
         reach = max((np.abs(b).max() for b in self._corners()), default=0.0)
         points, normals = np.split(self._points, 2, axis=1)
+        points = points - self.binder.origin
         near = REACH * np.maximum(np.abs(points).max(axis=1, keepdims=True), reach)
         values = np.concatenate([points, normals, near], axis=1).astype(np.float32)
         buffer = self.device.buffer(values.nbytes, "measured_points")
@@ -127,7 +128,9 @@ class _PointTracer(PathTracer):
 
     def _corners(self) -> tuple[NDArray[Any], ...]:
         scene = self.binder.scene
-        return scene.bounds if any(instance.visible for instance in scene) else ()
+        if not any(instance.visible for instance in scene):
+            return ()
+        return tuple(corner - self.binder.origin for corner in scene.bounds)
 
 
 def _broadcast(points: ArrayLike, normals: ArrayLike) -> tuple[tuple[int, ...], NDArray[Any], NDArray[Any]]:

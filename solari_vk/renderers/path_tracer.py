@@ -240,7 +240,7 @@ class PathTracer(RendererBase):
             self._accumulation_key = key
             self._projection: Projection = projection
             self._begin_picture()
-            CameraUniforms(self._frame.uniforms).write(camera, self.size)
+            CameraUniforms(self._frame.uniforms, self.binder.origin).write(camera, self.size)
             reference.write_uniforms(self._frame.uniforms, self.settings)
 
     def _add_samples(self, count: int, bands: int | None = None) -> int:
@@ -316,7 +316,7 @@ class PathTracer(RendererBase):
                     self._frame.apply_edits()
                     reference.write_uniforms(self._frame.uniforms, self.settings)
                 # Without a history: each time has a camera of its own, and the samples add up to one mean.
-                CameraUniforms(self._frame.uniforms).write(shown, self.size)
+                CameraUniforms(self._frame.uniforms, self.binder.origin).write(shown, self.size)
                 timeline_value = self._trace_rows(*moment.rows, *moment.samples)
                 if denoise:
                     self._add_guides(guides, moment, samples)

@@ -124,6 +124,8 @@ class RayTracer(Hints):
             raise SolariError(f"RayTracer.{who}: the ray tracer is closed; make a new one")
         self.device.check_open()
         self._update()
+        if self.binder.origin.any():
+            rays = rays | {"ray_origins": rays["ray_origins"] - self.binder.origin}
         frame = self.frame(any_hit, ECHOES in outputs)
         frame.uniforms["ray_batch.seed"] = seed
         count = len(rays["ray_origins"])

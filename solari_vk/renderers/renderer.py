@@ -115,7 +115,7 @@ class Renderer(RendererBase):
             self._changed_lights = RecentChanges()
             frame = SceneFrame(device, self.binder, self._stages(self.size), external=self._inputs())
             self._frame = self._owned.enter_context(frame)
-            self._camera_uniforms = CameraUniforms(self._frame.uniforms)
+            self._camera_uniforms = CameraUniforms(self._frame.uniforms, self.binder.origin)
             self._this_frame = self._frame.uniforms.writer("this_frame", THIS_FRAME)
             self._remember_build()
         except BaseException:

@@ -8,13 +8,14 @@ from pathlib import Path
 from typing import Any, TypeVar, overload
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from solari_vk.base.errors import SolariError, checked_keywords, quoted, unknown_name, warn
+from solari_vk.scene import checks
 from solari_vk.scene.animation.clip import Animation as Animation
 from solari_vk.scene.animation.clip import mix
 from solari_vk.scene.bounds import Bounds as Bounds
-from solari_vk.scene.bounds import bounds_of
+from solari_vk.scene.bounds import bounds_of, origin_of
 from solari_vk.scene.camera import Camera as Camera
 from solari_vk.scene.collection import Collection, Items
 from solari_vk.scene.dropping import drop
@@ -54,6 +55,7 @@ class Scene(Grouping, Observable):
         self._animations: Items[Animation] = Items("animation", (Animation,), self._notify)
         # Set by a user or a file, or made by `camera_for`.
         self._camera: Camera | None = None
+        self._origin: NDArray[np.float64] | None = None  # None until a renderer asks for it
         self._meters: bool | None = None  # whether the camera that is made by default chooses its exposure; False: 0
         self.backdrop: Instance | None = None
         """The instance that the default camera and `bounds` leave out: the floor of `studio_lights`."""
@@ -332,6 +334,30 @@ class Scene(Grouping, Observable):
         return [instance for instance in self._instances if instance.visible and instance is not self.backdrop]
 
     @property
+    def origin(self) -> NDArray[np.float64]:
+        """The point (3,) in meters from which the device counts positions, in numbers of 32 bits, which are precise
+        near it: at 1,000 km from it to 6 cm. Pictures don't depend on it otherwise, and all that the package takes and
+        returns is in the coordinates of the scene.
+
+        Unless assigned it is 0, or a point in the scene if the first renderer finds all of it far from 0: farther than
+        4,096 m, and than 64 times its size. Assign one before a renderer is made, near the camera, for scenes that
+        reach farther than numbers of 32 bits do, such as those with the ground of a whole planet.
+        """
+        if self._origin is None:
+            if not len(self._instances):
+                return np.zeros(3)
+            self._origin = origin_of(self._instances)
+        return self._origin.copy()
+
+    @origin.setter
+    def origin(self, origin: ArrayLike) -> None:
+        try:
+            # Devices have numbers of 32 bits.
+            self._origin = checks.array(3, max_abs=checks.LARGEST_COORDINATE)(origin).astype(np.float64)
+        except (TypeError, ValueError, OverflowError) as error:
+            raise SolariError(f"{self.describe()}: origin {error}") from None
+
+    @property
     def bounds(self) -> Bounds:
         """The bounding box of all visible instances but the backdrop. Raises SolariError if there are none."""
         bounds = bounds_of(self._shown_instances())
@@ -377,5 +403,5 @@ class Scene(Grouping, Observable):
         write_file(self, path)
 
 
-SCENE_FIELDS = ("name", "camera", "environment", "variants", "warnings", "backdrop")
+SCENE_FIELDS = ("name", "camera", "environment", "origin", "variants", "warnings", "backdrop")
 COLLECTIONS = ("instances", "lights", "cameras", "animations")

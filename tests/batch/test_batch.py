@@ -263,7 +263,8 @@ def test_arrays_give_the_numbers_of_cameras(kind):
             camera.update(fov=float(fov[index]))
         camera.update(transform=poses[index])
     element = reflect(compile_shader(SHADER), SHADER).bindings["views"].element["current"]
-    reader = view_cameras.CameraReader(element, count, size)
+    origins = rng.choice([0.0, 1e6], (count, 3))
+    reader = view_cameras.CameraReader(element, count, size, origins)
     one_by_one, together = reader.read(cameras, {}, ""), reader.read(poses, {kind: K if kind == "K" else fov}, "")
     assert one_by_one.lenses == []
     np.testing.assert_array_equal(together.matrices, one_by_one.matrices)

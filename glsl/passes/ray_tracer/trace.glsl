@@ -69,7 +69,7 @@ void trace_rays() {
         );
         traced = TracedHit(
             hit.t, hit.instance, triangle_orders.at[order_starts.at[instance.ray_mesh] + hit.triangle],
-            hit.barycentrics, uint(hit.front_face), position, point.geometric_world_normal
+            hit.barycentrics, uint(hit.front_face), position + scene_info.origin, point.geometric_world_normal
         );
     }
     ray_hits.at[i] = traced;

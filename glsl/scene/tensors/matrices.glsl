@@ -18,6 +18,7 @@ layout(push_constant, scalar) uniform Work {
     uint first_step;
     uint second_offset;
     uint second_step;
+    vec3 new_origin;  // from which the coordinates of what is placed shall count
 } work;
 
 const double LARGEST = 1e12;  // LARGEST_TRANSFORM of solari_vk/scene/checks.py
@@ -59,7 +60,7 @@ bool read_axes(uint index, bool may_flatten, out Axes axes) {
         right = right && element(index, 3u, column) == (column == 3u ? 1.0 : 0.0);
     }
     if (may_flatten) { thicken(columns); }
-    axes = Axes(columns[0], columns[1], columns[2], columns[3]);
+    axes = Axes(columns[0], columns[1], columns[2], columns[3] - dvec3(work.new_origin));
     dvec3 x = columns[0], y = columns[1], z = columns[2];
     right = right && abs(dot(x, cross(y, z))) > 1e-9LF * sqrt(dot(x, x) * dot(y, y) * dot(z, z));
     if (!right) {

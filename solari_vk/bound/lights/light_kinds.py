@@ -64,9 +64,9 @@ class LightKind:
     which the kind is those that `holds` takes. met_by_rays: where rays meet such a light without having chosen it:
     AT_SURFACES, AT_INFINITY, NEVER, PASSED: on their way, which goes on, or BEYOND: at infinity, on a way through the
     light. depends_on_receiver: whether there is a sample_for_receiver_NAME. buffer: the buffer of its records, whose
-    fields `record` gives; None: the light's index is its instance's row. power: luminous flux in lumens, roughly, of a
-    light and a number: of an emissive surface its area in square meters, of a portal the flux of environments in lux,
-    for all other kinds the scene's cross-section in square meters.
+    fields `record` gives; None: the light's index is its instance's row. places: the fields that are points in the
+    scene. power: luminous flux in lumens, roughly, of a light and a number: of an emissive surface its area in square
+    meters, of a portal the flux of environments in lux, for all other kinds the scene's cross-section in square meters.
     position: a point (3,) in meters that moves when the light does, None for instances, whose geometry says it. bounds:
     the box around the light, min and max (2, 3) in meters; None for instances and lights at infinity.
     """
@@ -77,6 +77,7 @@ class LightKind:
     power: Callable[[Any, float], float]
     buffer: str | None = None
     record: Callable[[Any], dict[str, Any]] = lambda light: {}
+    places: tuple[str, ...] = ()
     position: Callable[[Any], NDArray[np.float64]] | None = None
     bounds: Callable[[Any], NDArray[np.float64]] | None = None
     depends_on_receiver: bool = False
@@ -151,6 +152,7 @@ def _punctual_kind(name: str, met_by_rays: str, holds: Callable[[PunctualLight],
         power=lambda light, area: light.solid_angle * light.intensity * luminance(light.color),
         buffer=f"{name}_lights",
         record=_punctual_record,
+        places=("position",),
         position=lambda light: light.position + (SHADOW_DISTANCE * light.direction if light.axes else 0.0),
         bounds=lambda light: light.position + light.radius * np.array([[-1.0], [1.0]]),
         depends_on_receiver=True,
@@ -193,7 +195,8 @@ LIGHT_KINDS = (
         power=lambda light, flux: light.cross_section * flux,
         buffer="portals",
         record=_portal_record,
-        position=lambda light: (light.center - light.half_u - light.half_v).astype(np.float64),
+        places=("corner",),
+        position=lambda light: light.center - light.half_u - light.half_v,
         bounds=lambda light: np.stack([_corners(light).min(axis=0), _corners(light).max(axis=0)]),
         depends_on_receiver=True,
     ),

@@ -36,15 +36,22 @@ class LightList:
     lights follow. When lights are added or removed, all rows are uploaded; when they change their power, the leaves of
     all, whose probabilities change. When lights move, only their records and nodes of the tree are.
 
-    data: for a list in the host's memory alone: the data of its maker, who has the blockers too, or what scenes share.
+    origin: Scene.origin (3,), from which the coordinates in all tables and arrays count. data: for a list in the host's
+    memory alone: the data of its maker, who has the blockers too, or what scenes share.
     """
 
     def __init__(
-        self, device: Device, block_dtypes: dict[str, Any], data: LightData | SharedBuffers | None = None
+        self,
+        device: Device,
+        block_dtypes: dict[str, Any],
+        origin: NDArray[np.float64],
+        data: LightData | SharedBuffers | None = None,
     ) -> None:
+        self._origin = origin
         table: MakeTable = partial(Table, device) if data is None else HostTable
         self.sources = table("light_sources", block_dtypes["light_sources"])
         self.info = table("scene_infos", block_dtypes["scene_infos"])
+        self.info.records["origin"] = origin
         self.leaves = LightLeaves(table, block_dtypes)
         self._index_of_kind = {kind: index for index, kind in enumerate(light_kinds.LIGHT_KINDS)}
         self._mesh_kind = next(kind for kind in self._index_of_kind if kind.source is Instance)
@@ -211,7 +218,7 @@ class LightList:
             return
         boxes = self._emissive_boxes[: len(self.emissive)]
         if self._changed or self._positions_changed:
-            points = [kind.position(light) for kind, light in analytic_lights if kind.position]
+            points = [self._point_of(kind, light) for kind, light in analytic_lights if kind.position]
             self.positions = np.concatenate([boxes[:, 0], np.reshape(points, (-1, 3))])
             self._positions_changed = False
         if self._changed or self._powers_changed:
@@ -278,18 +285,23 @@ class LightList:
         """Update the tree over all lights but those at infinity."""
         info = self.info.records[0]
         finite = int(info["first_light_at_infinity"])
-        of_analytic = [kind.bounds(light) for kind, light in analytic_lights if kind.bounds]
+        of_analytic = [kind.bounds(light) - self._origin for kind, light in analytic_lights if kind.bounds]
         # A box as its center and half its size becomes one as its min and max.
         emissive = emissive_boxes[:, :1] + emissive_boxes[:, 1:] * ((-1.0,), (1.0,))
         bounds = np.concatenate([emissive, np.reshape(of_analytic, (-1, 2, 3))])
         self.centers = bounds.mean(axis=1)
-        moved = {self._index[instance]: boxes for instance, boxes in self._clusters.pop_moved()}
+        moved = {self._index[instance]: boxes - self._origin for instance, boxes in self._clusters.pop_moved()}
         chance = self.leaves.follow(self.ids[:finite], bounds, self.powers[:finite], moved)
         part_counts = self.sources.records["part_count"][: len(self.powers)]
         info["part_count"] = min(int(part_counts.sum(dtype=np.int64)), NO_INDEX)
         info["tree_probability"] = chance
         info["leaf_count"] = self.leaves.count
         self.info.mark([0])
+
+    def _point_of(self, kind: LightKind, light: Light) -> NDArray[np.float64]:
+        assert kind.position is not None
+        # Points of lights at infinity are directions.
+        return kind.position(light) - self._origin if kind.places else kind.position(light)
 
     # ---- records ------------------------------------------------------------------------------------
 
@@ -332,8 +344,11 @@ class LightList:
         table = self._records[kind]
         data = self.data.get(light)
         of_data = self._portal_maps.get(light) or (data.record if data else {})
+        record = table.records[index]
         for field, value in (kind.record(light) | of_data).items():
-            table.records[index][field] = value
+            record[field] = value
+        for field in kind.places:
+            record[field] = kind.record(light)[field] - self._origin
         table.mark([index])
 
     def destroy(self) -> None:

@@ -15,6 +15,7 @@ from contextlib import contextmanager
 from typing import Any, NamedTuple, TypeGuard
 
 import numpy as np
+from numpy.typing import NDArray
 
 from solari_vk.base.errors import DeviceError, SolariError
 from solari_vk.gpu.device import raw
@@ -124,9 +125,11 @@ class TensorPort:
         self.is_used = True
         return {"floats": tensor.address, "doubles": tensor.address, "is_double": tensor.dtype == np.float64}
 
-    def matrices(self, tensor: DeviceTensor, count: int) -> dict[str, Any]:
-        """The push constants that name a tensor of `count` matrices (4, 4), which may be parts of larger ones."""
-        return {**self.source(tensor), "step": tensor.strides[0] // tensor.dtype.itemsize, "count": count}
+    def matrices(self, tensor: DeviceTensor, count: int, origin: NDArray[np.float64]) -> dict[str, Any]:
+        """The push constants that name a tensor of `count` matrices (4, 4), which may be parts of larger ones. origin:
+        from where what they place shall count its coordinates, (3,)."""
+        step = tensor.strides[0] // tensor.dtype.itemsize
+        return {**self.source(tensor), "step": step, "count": count, "new_origin": origin}
 
     def refusal(self, target: Hashable, message: Callable[[int], str]) -> dict[str, int]:
         """The push constants by which a shader records a number that it refuses. target: where the numbers are written

@@ -25,7 +25,7 @@ class BarePaths:
     def __init__(self, device: Device, binder: SceneBinder, camera: Camera, size: tuple[int, int]) -> None:
         stage = Stage("bench", buffers={"ray_count": size[0] * size[1]}, passes=[Pass("bare_rays/paths", threads=size)])
         self._frame = SceneFrame(device, binder, [stage])
-        CameraUniforms(self._frame.uniforms).write(camera, size)
+        CameraUniforms(self._frame.uniforms, binder.origin).write(camera, size)
 
     def run(self, sample_index: int, bounces: int = BOUNCES) -> tuple[float, int]:
         """Trace a path for each pixel; returns the seconds that it took and the number of rays."""

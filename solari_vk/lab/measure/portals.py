@@ -101,7 +101,7 @@ def window_room(environment: EnvironmentLight, *, with_portal: bool) -> Scene:
     scene.add(shapes.sphere(0.3), matte((0.2, 0.4, 0.7), "ball"), place(at=(2.8, 1.05, 1.8)), name="ball")
     scene.environment = environment
     if with_portal:
-        scene.add(Portal(rgb((5.1, 1.4, 2)), rgb((0, 0.4, 0)), rgb((0, 0, 0.5)), name="window"))
+        scene.add(Portal(np.array((5.1, 1.4, 2)), rgb((0, 0.4, 0)), rgb((0, 0, 0.5)), name="window"))
     scene.add(Camera.look_at((0.4, 1.7, 3.6), (4, 0.9, 1.2), vertical_fov=1.0, ev100=7.0))
     return scene
 

@@ -259,7 +259,8 @@ class Rig:
         if not np.isfinite(world).all():
             shown = False
         else:
-            values = {name: value.astype(np.float32) for name, value in placed_light(light, world).items()}
+            placed = placed_light(light, world)
+            values = {name: value.astype(getattr(light, name).dtype) for name, value in placed.items()}
             # Rounding alone is no change: a moved light would be built anew on the device.
             if any(not np.allclose(getattr(light, name), values[name], rtol=0, atol=1e-7) for name in values):
                 light.update(**values)

@@ -17,6 +17,7 @@ from solari_vk.base.budget import charge
 from solari_vk.base.errors import SolariError, quoted
 from solari_vk.base.files import read_regular
 from solari_vk.scene import checks
+from solari_vk.scene.bounds import origin_near
 from solari_vk.scene.files.formats import reads
 from solari_vk.scene.files.gltf.points_and_lines import DRAWN_POINTS, with_surface
 from solari_vk.scene.files.gltf.values import Entry
@@ -188,6 +189,9 @@ def _add(scene: Scene, path: Path, part: MeshPart, turn: NDArray[np.float64]) ->
             f"{path}: '{name}' has coordinates that aren't finite, or above {checks.LARGEST_COORDINATE:g} meters: "
             "export the file again, or give its unit"
         )
+    # Vertices have 32 bits, which maps and scans with coordinates of a country need around a place of their own.
+    place = origin_near(positions) if len(positions) else np.zeros(3)
+    positions = positions - place
     if not len(triangles) and len(positions):
         mesh = _points(scene, path, part, positions)
     else:
@@ -199,7 +203,7 @@ def _add(scene: Scene, path: Path, part: MeshPart, turn: NDArray[np.float64]) ->
             return
         mesh = _mesh(part, positions, triangles, turn)
     material = part.material if part.material is not None else _plain(mesh.colors is not None)
-    scene.add(Instance(mesh, material, name=name))
+    scene.add(Instance(mesh, material, place, name=name))
 
 
 def _points(scene: Scene, path: Path, part: MeshPart, positions: NDArray[np.float64]) -> Mesh:

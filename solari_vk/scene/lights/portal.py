@@ -34,14 +34,14 @@ class Portal(Light):
     has the weights.
     """
 
-    center: FloatArray
+    center: NDArray[np.float64]
     half_u: FloatArray
     half_v: FloatArray
     _: KW_ONLY
     name: str = ""
 
     _converters = {
-        "center": checks.array(3, max_abs=LARGEST_COORDINATE),
+        "center": checks.array(3, dtype=np.float64, max_abs=LARGEST_COORDINATE),
         "half_u": checks.array(3),
         "half_v": checks.array(3),
         "name": checks.text,

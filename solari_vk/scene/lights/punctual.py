@@ -8,6 +8,7 @@ from dataclasses import KW_ONLY, field
 from typing import Any, ClassVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from solari_vk.base.errors import SolariError
 from solari_vk.scene import checks
@@ -25,7 +26,7 @@ MIN_COSINE_STEP = 1e-3  # between the cones of a spotlight, from the code that K
 class PunctualLight(Light):
     """What point lights and spotlights share."""
 
-    position: FloatArray
+    position: NDArray[np.float64]
     _: KW_ONLY
     intensity: float = 100.0
     color: FloatArray = field(default_factory=lambda: np.ones(3, np.float32))
@@ -37,7 +38,7 @@ class PunctualLight(Light):
     _converters = {
         "name": checks.text,
         "blocks_light": checks.flag,
-        "position": checks.array(3, max_abs=checks.LARGEST_COORDINATE),
+        "position": checks.array(3, dtype=np.float64, max_abs=checks.LARGEST_COORDINATE),
         "intensity": checks.number(0, 1e15, "cd"),
         "color": checks.color(0, 1e6),
         "radius": checks.number(0, 1e6, "m"),

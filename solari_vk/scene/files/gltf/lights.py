@@ -54,7 +54,7 @@ class Lights:
         fields["name"] = node.entry.name or entry.name
         if kind == "directional":
             return DirectionalLight(direction=_travel(place), **fields)
-        position = node.world[:3, 3].astype(np.float32)
+        position = node.world[:3, 3]
         return PointLight(position, **fields) if kind == "point" else SpotLight(position, _travel(place), **fields)
 
     def luminaire(self, node: PlacedNode) -> Light | None:
@@ -67,7 +67,7 @@ class Lights:
             self._report.add("lights whose node's transform is singular are left out", node.entry.place)
             return None
         return PointLight(
-            node.world[:3, 3].astype(np.float32),
+            node.world[:3, 3],
             profile=profile,
             direction=_travel(place),
             horizontal=place[:3, 0].astype(np.float32),
