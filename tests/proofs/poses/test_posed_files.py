@@ -97,6 +97,18 @@ def bake(given, triangles, targets=(), shares=None, root=None):
     return moved, triangles
 
 
+def normals_seen(device, scene):
+    with sv.PathTracer(device, scene, (48, 48)) as tracer:
+        tracer.render(CAMERA, samples=1)
+        return tracer["shading_normal"].astype(np.float64)
+
+
+def check_alike(found, expected):
+    """A pixel's center may lie at an edge, on other sides of it in the two."""
+    assert (expected != 0).any(axis=2).sum() > 300
+    assert (np.abs(found - expected).max(axis=2) > 1e-3).sum() <= 3
+
+
 SKIN, MIRRORED = (1, 1, 1), (1.5, -1, 0.8)
 
 
@@ -120,15 +132,19 @@ def test_posed_files_look_like_baked_ones(device, tmp_path, normals, moved_by, r
         "shares": None if root is None else shares,
         "root": root,
     }
-    scenes = [
-        write(tmp_path / "posed.glb", given, triangles, **pose),
-        write(tmp_path / "baked.glb", *bake(given, triangles, **pose)),
-    ]
-    seen = []
-    for scene in scenes:
-        with sv.PathTracer(device, scene, (48, 48)) as tracer:
-            tracer.render(CAMERA, samples=1)
-            seen.append(tracer["shading_normal"].astype(np.float64))
-    assert (seen[1] != 0).any(axis=2).sum() > 300
-    # A pixel's center may lie at an edge, on other sides of it in the two.
-    assert (np.abs(seen[0] - seen[1]).max(axis=2) > 1e-3).sum() <= 3
+    posed = write(tmp_path / "posed.glb", given, triangles, **pose)
+    baked = write(tmp_path / "baked.glb", *bake(given, triangles, **pose))
+    check_alike(normals_seen(device, posed), normals_seen(device, baked))
+
+
+@pytest.mark.parametrize("moved_by", [("POSITION",), ("POSITION", "NORMAL")])
+def test_tangents_are_made_for_each_target(device, tmp_path, moved_by):
+    """Of a file without tangents: a target's weight of 1 shows what a file of the moved mesh shows."""
+    given, triangles, _, targets = sheet()
+    del given["TANGENT"]
+    target = {name: targets[0][name] for name in moved_by}
+    moved = {name: np.zeros_like(values) for name, values in target.items()}
+    (posed,) = scene = write(tmp_path / "posed.glb", given, triangles, [moved, target])
+    posed.morph_weights = [0.3, 1]
+    baked = {name: values + target[name] if name in target else values for name, values in given.items()}
+    check_alike(normals_seen(device, scene), normals_seen(device, write(tmp_path / "baked.glb", baked, triangles)))

@@ -12,10 +12,13 @@ from solari_vk.scene import checks
 from solari_vk.scene.files.gltf.accessors import Accessors
 from solari_vk.scene.files.gltf.report import Report
 from solari_vk.scene.files.gltf.values import Entry
+from solari_vk.scene.matrices import unit
 from solari_vk.scene.meshes.deformation import Deformation
+from solari_vk.scene.meshes.tangents import generate_tangents
 
 Vertices = dict[str, NDArray[Any]]  # by attribute: "POSITION", "NORMAL", "TANGENT", ...
 _MOST_SETS = 64  # of joints
+_BYTES_PER_TRIANGLE = 300  # whose tangents are made
 TARGETS = {"POSITION": "targets", "NORMAL": "target_normals", "TANGENT": "target_tangents"}
 """What a morph target adds to, and the field of `Deformation` that has it."""
 
@@ -53,6 +56,30 @@ def _deltas(target: Entry, name: str, count: int, accessors: Accessors) -> Any:
     if not np.abs(values).max(initial=0) <= limit:
         raise target.error(f"moves vertices by more than {limit:g} meters; scale it down")
     return values
+
+
+def tangent_changes(
+    vertices: Vertices, uvs: NDArray[Any], triangles: NDArray[np.uint32], targets: Sequence[Entry]
+) -> NDArray[np.float32]:
+    """What each target adds (N, T, 3) to tangents that were made for vertices: those of the mesh that it makes are made
+    too (glTF 2.0, 3.7.2.2)."""
+    positions, normals, tangents = (vertices[name] for name in ("POSITION", "NORMAL", "TANGENT"))
+    _charge(targets, len(positions))
+    added = np.zeros_like(vertices["targets"])
+    for number, target in enumerate(targets):
+        moved_positions, moved_normals = positions + vertices["targets"][:, number], normals
+        if "target_normals" in vertices:
+            moved_normals = normals + vertices["target_normals"][:, number]
+        moved = ((moved_positions != positions) | (moved_normals != normals)).any(axis=1)
+        # Most targets of a face move a small part of it. A tangent depends on all triangles of its vertex.
+        changed = np.zeros(len(moved), bool)
+        changed[triangles[moved[triangles].any(axis=1)]] = True
+        near = triangles[changed[triangles].any(axis=1)]
+        target.charge(0, "its tangents", working=_BYTES_PER_TRIANGLE * len(near))
+        made = generate_tangents(moved_positions, unit(moved_normals), uvs, near)
+        added[made.source, number] = made.tangents[:, :3] - tangents[made.source, :3]
+        added[~changed, number] = 0
+    return added
 
 
 def _charge(targets: Sequence[Entry], count: int) -> None:

@@ -12,7 +12,7 @@ from solari_vk.base.budget import BudgetError
 from solari_vk.base.errors import SolariError
 from solari_vk.scene import checks
 from solari_vk.scene.files.gltf.accessors import Accessors
-from solari_vk.scene.files.gltf.deform import Vertices, deformation_of, read_joints, read_targets
+from solari_vk.scene.files.gltf.deform import Vertices, deformation_of, read_joints, read_targets, tangent_changes
 from solari_vk.scene.files.gltf.draco import DracoMeshes
 from solari_vk.scene.files.gltf.points_and_lines import DRAWN_LINES, DRAWN_POINTS, with_surface
 from solari_vk.scene.files.gltf.report import Report
@@ -132,7 +132,7 @@ class Primitives:
             vertices["NORMAL"] = self._unit_normals(vertices["NORMAL"], triangles, cross, primitive)
         frame = 0
         if mode >= _TRIANGLES:
-            vertices, triangles, frame = self._with_tangents(vertices, triangles, cross, uvs, normal_map)
+            vertices, triangles, frame = self._with_tangents(vertices, triangles, cross, uvs, normal_map, targets)
         first, second, *others = (vertices.get(name) for name in uvs)
         return Mesh(
             positions=vertices["POSITION"],
@@ -250,6 +250,7 @@ class Primitives:
         cross: NDArray[np.float64],
         names: list[str],
         normal_map: Texture | None,
+        targets: list[Entry],
     ) -> tuple[Vertices, NDArray[np.uint32], int]:
         """Vertices with the tangents that a normal map needs, the triangles over them, and the tangents' frame. names:
         of the attributes with uvs."""
@@ -276,6 +277,9 @@ class Primitives:
         split = generate_tangents(vertices["POSITION"], normals, vertices[uvs] @ linear.T, triangles)
         vertices = {attribute: values[split.source] for attribute, values in vertices.items()}
         vertices["TANGENT"] = split.tangents
+        if "targets" in vertices:
+            turned_uvs = vertices[uvs] @ linear.T
+            vertices["target_tangents"] = tangent_changes(vertices, turned_uvs, split.indices, targets)
         return vertices, split.indices, normal_map.tangent_frame
 
 
