@@ -116,9 +116,12 @@ layout(set = 0, scalar) readonly buffer InstancesBlock { Instance at[]; } instan
 layout(set = 0, scalar) readonly buffer MeshesBlock { Mesh at[]; } meshes;
 layout(set = 0, scalar) readonly buffer MaterialsBlock { Material at[]; } materials;
 
-// How much of what is behind it a surface covers, but for textures: the alpha of blended materials, else -1.
-float opacity_of(uint material) {
-    return (materials.at[material].flags & MATERIAL_BLEND) != 0u ? materials.at[material].alpha : -1.0;
+// What decides, beside textures, how much of what is behind it a surface covers: the alpha of blended materials, and 2
+// plus the texture's least alpha that covers of masked ones; else -1.
+float opacity_of(uint index) {
+    Material material = materials.at[index];
+    if ((material.flags & MATERIAL_MASK) != 0u) { return 2.0 + material.alpha_cutoff / max(material.alpha, 1e-6); }
+    return (material.flags & MATERIAL_BLEND) != 0u ? material.alpha : -1.0;
 }
 layout(set = 0, scalar) readonly buffer TexturesBlock { Texture at[]; } textures;
 layout(set = 0, scalar) readonly buffer LightSourcesBlock { LightSource at[]; } light_sources;

@@ -125,7 +125,7 @@ class SceneBinder:
 
     @property
     def look_changes(self) -> int:
-        """The number of edits of materials, textures and environments of the first scene so far."""
+        """The number of edits of lights, materials and textures of the first scene so far."""
         return self.records.look_changes
 
     @property

@@ -22,7 +22,6 @@ from solari_vk.bound.table import MakeTable, RowAllocator
 from solari_vk.bound.traced_instances import TracedRecords
 from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.tensors.imports import DeviceTensor
-from solari_vk.scene.lights.environment import EnvironmentLight
 from solari_vk.scene.matrices import placed_box
 from solari_vk.scene.model import Camera, Instance, Light, Material, Mesh, Scene, Texture, TextureImage
 from solari_vk.scene.observable import Observable
@@ -68,7 +67,7 @@ class SceneRecords:
         self.blended_changes = 0
         """Counts the changes of blended instances."""
         self.look_changes = 0
-        """Counts the edits of materials, textures and environments, which may change what still surfaces look like."""
+        """Counts the edits of lights, materials and textures, which may change what still surfaces look like."""
         self._assets = assets
         self._geometry = assets.geometry
         # The meshes that raster and rays see of each instance, and its material.
@@ -168,9 +167,8 @@ class SceneRecords:
 
     def _apply_light(self, light: Light) -> None:
         self.light_revision += 1
+        self.look_changes += 1
         self._records_change = True
-        if isinstance(light, EnvironmentLight):
-            self.look_changes += 1
         present = light in self.scene.lights
         if present:
             self._assets.features.add_of(light)

@@ -25,7 +25,7 @@ float changed_share(SampleChange sum) {
     float expected = min(this_frame.expected_change / EXPECTED_CHANGE, 1.0);
     float noise = mix(NOISE_SIGMAS[0], NOISE_SIGMAS[1], expected);
     float change = mix(CHANGE_SIGMAS[0], CHANGE_SIGMAS[1], expected);
-    float least = this_frame.expected_change > 0.0 ? MIN_EXPECTED_CHANGE : MIN_CHANGE;
+    float least = mix(MIN_CHANGE, MIN_EXPECTED_CHANGE, expected);
     float brightest = MIN_CHANNEL * max_component(sum.sum_of_max), most = 0.0;
     for (int i = 0; i < 3; i++) {
         float difference = abs(sum.difference_sum[i]);

@@ -139,8 +139,8 @@ bool is_blended(ivec2 center) {
     return false;
 }
 
-// Whether a blended surface around has another opacity or material than in the previous frame. Frames before showed it
-// in other shares of their samples.
+// Whether a surface around has another opacity than in the previous frame, or is blended or masked and has another
+// material. Frames before showed it in other shares of their samples.
 bool has_new_opacity(ivec2 center) {
     for (int i = 0; i < 9; i++) {
         ivec2 pixel = center + ivec2(i % 3, i / 3) - 1;
@@ -148,10 +148,11 @@ bool has_new_opacity(ivec2 center) {
         for (int frame = 0; frame < 2; frame++) {
             ivec2 at = texel_of(pixel);
             uint shown = frame == 0 ? imageLoad(gbuffer_surface, at).y : previous_instance(at);
-            if (!shows_blended(shown) || previous_instances.at[shown].id != instances.at[shown].id) { continue; }
-            uint material = instances.at[shown].material;
+            if (shown == NO_INDEX || previous_instances.at[shown].id != instances.at[shown].id) { continue; }
             PreviousInstance before = previous_instances.at[shown];
-            if (before.material != material || before.opacity != opacity_of(material)) { return true; }
+            uint material = instances.at[shown].material;
+            float opacity = opacity_of(material);
+            if (before.opacity != opacity || opacity >= 0.0 && before.material != material) { return true; }
         }
     }
     return false;

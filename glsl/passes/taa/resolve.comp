@@ -57,7 +57,7 @@ void main() {
     HistorySample history = find_history(at, around);
     if (!in_exposure()) {  // the picture of an exposure is that of all times
         uvec2 cells = (camera.size + CELL_SIZE - 1u) / CELL_SIZE;
-        if (SCENE_BLEND && this_frame.blended_changed != 0u && has_new_opacity(around.center)) { history.weight = 0.0; }
+        if (SCENE_ALPHA && this_frame.expected_change > 0.0 && has_new_opacity(around.center)) { history.weight = 0.0; }
         history.weight *= taa_confidence.at[element_index(uvec2(around.center) / CELL_SIZE, cells)];
     }
     if (history.weight > 0.0) { history = limited(history, around); }

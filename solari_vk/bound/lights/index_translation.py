@@ -16,8 +16,9 @@ from solari_vk.gpu.device.device import Device
 CHANGE_DECAY = 0.9
 # A smaller change counts as none.
 MIN_CHANGE = 1 / 64
-# The share of the light that an edit of materials, textures or environments is taken to change, which is unknown.
-EDITED_LOOKS = 0.1
+# The share of the light that an edit of lights, materials or textures is taken to change at least. More makes pictures
+# flicker that are edited in each frame.
+EDITED_LOOKS = 0.02
 NAMES = ("light_translation", "previous_light")
 
 Ids = NDArray[np.uint32]

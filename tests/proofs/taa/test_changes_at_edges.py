@@ -29,15 +29,25 @@ def before_an_unlit_wall():
     return scene
 
 
+def red():
+    scene = box_and_lamp()
+    scene.lights["lamp"].color = (1.0, 0.3, 0.3)
+    return scene
+
+
 def stripes():
     texels = np.full((16, 16, 4), 180, np.uint8)
     texels[::4, :, 3] = texels[1::4, :, 3] = 0
-    scene = box_and_lamp(base_color=1, base_color_texture=texels, alpha_mode="mask")
-    return scene
+    return box_and_lamp(environment=0.3, base_color=1, base_color_texture=texels, alpha_mode="mask")
 
 
 def light(to):
     return lambda scene: scene.lights["lamp"].update(intensity=30 * to)
+
+
+def hue(scene):
+    """Turn a red lamp green, of about the same luminance."""
+    scene.lights["lamp"].color = (0.1, 0.57, 0.1)
 
 
 def look(**fields):
@@ -55,12 +65,14 @@ def sky(scene):
 CASES = {
     "a lamp is dimmed to a hundredth": (box_and_lamp, light(0.01)),
     "a lamp gets twice as bright": (box_and_lamp, light(2.0)),
+    "a lamp's hue": (red, hue),
     "a color": (box_and_lamp, look(base_color=(0.7, 0.05, 0.7))),
     "another material": (box_and_lamp, swap),
     "emission": (lambda: box_and_lamp(base_color=0, emissive=0.05), look(emissive=1.0)),
     "the environment": (lambda: box_and_lamp(environment=0.02), sky),
     "before an unlit wall": (before_an_unlit_wall, light(10.0)),
     "a texture with holes": (stripes, light(10.0)),
+    "holes are closed": (stripes, look(alpha_cutoff=0.0)),
     "opacity": (lambda: box_and_lamp(environment=1.0, base_color=0.02, alpha_mode="blend", alpha=0.9), look(alpha=0.2)),
 }
 
@@ -92,6 +104,10 @@ def check_dimmed(device):
     assert np.abs(light_at_edges(device, "a lamp is dimmed to a hundredth") - 1).max() < 0.05
 
 
+def check_hue(device):
+    assert np.abs(light_at_edges(device, "a lamp's hue") - 1).max() < 0.05
+
+
 def check_opacity(device):
     assert np.abs(light_at_edges(device, "opacity") - 1).max() < 0.05
 
@@ -99,6 +115,7 @@ def check_opacity(device):
 test_a_seeded_bug_is_noticed = bug_tests(
     {
         "changes": (check_dimmed, Bug("passes/taa/confidence.comp", "changed_share", "return 0.0;")),
+        "hue": (check_hue, Bug("passes/denoise/temporal_gradient.comp", "compared", "return luminance(color);")),
         "opacity": (check_opacity, Bug("passes/taa/history.glsl", "has_new_opacity", "return false;")),
     }
 )
