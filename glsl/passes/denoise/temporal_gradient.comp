@@ -16,8 +16,8 @@ void add_gradient(inout Gradient sum, float value, float mean) {
     sum.sum_of_max += max(value, mean);
 }
 
-// What is compared of this frame's light: red counts most in one frame and blue in the next, as light may change its hue
-// and keep its luminance.
+// What is compared of this frame's light: red counts most in one frame and blue in the next, as light may change its
+// hue and keep its luminance.
 float compared(vec3 color) {
     return dot(color, (this_frame.index & 1u) == 0u ? vec3(0.6, 0.3, 0.1) : vec3(0.1, 0.3, 0.6));
 }
