@@ -253,39 +253,46 @@ float hit_light_pdf(Receiver receiver, Hit hit, SurfaceInteraction surface, vec3
     return pdf * leaf_choice_probability(leaf, receiver) / light_leaves.at[leaf].by_power.probability;
 }
 
-// The origin of rays in a direction, offset to that side of the surface.
-vec3 ray_origin(vec3 position, vec3 geometric_normal, float ray_offset, vec3 direction) {
-    bool transmits = SCENE_TRANSMISSION && dot(direction, geometric_normal) < 0.0;
-    return position + (transmits ? -ray_offset : ray_offset) * geometric_normal;
+// The origin of rays in a direction, offset to that side of the surface. Rays with a cosine of more than 0.2 need no
+// lift, and keep contact shadows.
+vec3 ray_origin(vec3 position, vec3 geometric_normal, float ray_offset, float lift, vec3 direction) {
+    float cosine = dot(direction, geometric_normal);
+    bool transmits = SCENE_TRANSMISSION && cosine < 0.0 && lift == 0.0;
+    float offset = ray_offset + lift * saturate(2.0 - 10.0 * cosine);
+    return position + (transmits ? -offset : offset) * geometric_normal;
 }
 
 vec3 ray_origin(SurfaceInteraction surface, vec3 direction) {
-    return ray_origin(surface.world_position, surface.geometric_world_normal, surface.ray_offset, direction);
+    return ray_origin(
+        surface.world_position, surface.geometric_world_normal, surface.ray_offset, surface.lift, direction
+    );
 }
 
 // Whether the shading and the geometric normal put a direction on the same side of the surface: above, or below if the
 // scene has transmission. `cos_theta` is its cosine with the shading normal. Above the surface and below the shading
-// normal a coat reflects, whose normal is another; the BRDF is 0 there without one.
-bool is_on_valid_side(float cos_theta, vec3 direction, vec3 geometric_normal) {
+// normal a coat reflects, whose normal is another; the BRDF is 0 there without one. With a lift, the shading normal
+// decides.
+bool is_on_valid_side(float cos_theta, vec3 direction, vec3 geometric_normal, float lift) {
     float geometric = dot(direction, geometric_normal);
+    if (lift > 0.0 && cos_theta > 0.0) { return true; }
     return ((cos_theta > 0.0 || SCENE_LAYERS) && geometric > 0.0)
         || (SCENE_TRANSMISSION && cos_theta < 0.0 && geometric < 0.0);
 }
 
 // Leaves a surface in a sampled direction; the caller sets walk.origin. `frame` has the shading normal as its z axis,
 // `below` is the medium on the other side. Returns is_on_valid_side of the direction.
-bool scatter(inout Walk walk, BrdfSample next, mat3 frame, vec3 geometric_normal, Medium below) {
+bool scatter(inout Walk walk, BrdfSample next, mat3 frame, vec3 geometric_normal, float lift, Medium below) {
     walk.direction = normalize(frame * next.wi);
     walk.t_min = 0.0;
     walk.is_camera_ray = false;
     walk.delta_path_from_camera = walk.delta_path_from_camera && next.pdf == INFINITY;
     walk.mis_pdf = next.pdf;
     walk.throughput *= next.weight;
-    if (SCENE_TRANSMISSION && dot(walk.direction, geometric_normal) < 0.0) {
+    if (SCENE_TRANSMISSION && lift == 0.0 && dot(walk.direction, geometric_normal) < 0.0) {
         walk.medium = below;
         if (SCENE_DISPERSION) { walk.wavelength = walk.wavelength_below; }
     }
-    return is_on_valid_side(next.wi.z, walk.direction, geometric_normal);
+    return is_on_valid_side(next.wi.z, walk.direction, geometric_normal, lift);
 }
 
 // Russian roulette from FIRST_ROULETTE_BOUNCE on. survival_probability, in proportion to the throughput, may exceed 1.
@@ -329,9 +336,10 @@ NextEvent sample_light(
     LightContribution light = calculate_resolved_light_contribution(resolved, surface.world_position);
     event.light_sample = for_shadow_ray(resolved, light.wi);
     vec3 wi = light.wi * frame;
-    if (!is_on_valid_side(wi.z, light.wi, surface.geometric_world_normal)) { return event; }
+    if (!is_on_valid_side(wi.z, light.wi, surface.geometric_world_normal, surface.lift)) { return event; }
     event.origin = ray_origin(surface, light.wi);
-    event.medium = dot(light.wi, surface.geometric_world_normal) < 0.0 ? below : walk.medium;
+    bool passes = surface.lift == 0.0 && dot(light.wi, surface.geometric_world_normal) < 0.0;
+    event.medium = passes ? below : walk.medium;
     vec3 value = light.radiance_in_area_measure * light.inverse_area_pdf * brdf_times_cosine(brdf, wo, wi);
     if (mis) { value *= power_heuristic(light.solid_angle_pdf, brdf_pdf(brdf, wo, wi)); }
     event.radiance = walk.throughput * value;

@@ -23,6 +23,7 @@ struct GBufferSurface {
     vec3 geometric_world_normal;  // faces the camera
     // Rays leave from world_position + ray_offset * geometric_world_normal. Always 0 in surfaces of the previous frame.
     float ray_offset;
+    float lift;  // likewise: scene/surface.glsl
     vec3 wo;  // to the camera
     ResolvedMaterial material;
 };
@@ -113,7 +114,7 @@ GBufferSurface unpack_gbuffer(
         uint flags = materials.at[instances.at[surface.instance].material].flags;
         surface.material.base.unlit = (flags & MATERIAL_UNLIT) != 0u;
     }
-    surface.ray_offset = 0.0;
+    surface.ray_offset = surface.lift = 0.0;
     return surface;
 }
 
@@ -126,6 +127,7 @@ GBufferSurface load_gbuffer(uvec2 pixel) {
     if (surface.exists) {
         uint offsets = imageLoad(gbuffer_offsets, at).x;
         surface.ray_offset = uintBitsToFloat(offsets << 16u);
+        surface.lift = uintBitsToFloat(offsets & 0xFFFF0000u);
     }
     if (SCENE_LOBES && surface.exists) {
         PackedLobes packed = gbuffer_lobes.at[element_index(pixel, camera.size)];

@@ -37,6 +37,9 @@ GBufferPixel resolve_pixel(CameraRay ray, Hit hit, Mesh mesh) {
     float cosine = dot(ray.direction, surface.geometric_world_normal);
     float t = dot(surface.world_position - ray.origin, surface.geometric_world_normal) / cosine;
     float view_depth = (cosine < -1e-3 ? t : hit.t) * ray.depth_per_t;
+    // Raster snaps vertices to 1/256 of a pixel, so that a pixel may show a triangle just beyond its edge, which is
+    // behind the next triangle in a crease.
+    float snapped = (ray.cone_width + ray.cone_spread * hit.t) / 256.0;
     uvec4 gbuffer_texel = pack_gbuffer(surface.material, emissive, surface.world_normal);
     PackedLobes lobes = no_packed_lobes();
     if (SCENE_LOBES) {
@@ -46,7 +49,7 @@ GBufferPixel resolve_pixel(CameraRay ray, Hit hit, Mesh mesh) {
         gbuffer_texel,
         lobes,
         uvec2(pack_octahedral_2x16(surface.geometric_world_normal), hit.instance),
-        pack_halves_up(gbuffer_ray_offset(surface, hit.instance, view_depth), 0.0),
+        pack_halves_up(gbuffer_ray_offset(surface, hit.instance, view_depth) + snapped, surface.lift),
         camera.near / view_depth,
         hit_motion_vector(hit, mesh)
     );

@@ -58,6 +58,7 @@ Guides replace_primary_surface(GBufferSurface seen, uvec2 pixel) {
     surface.world_normal = seen.world_normal;
     surface.geometric_world_normal = seen.geometric_world_normal;
     surface.ray_offset = seen.ray_offset;
+    surface.lift = seen.lift;
     surface.material = seen.material;
     uint instance = seen.instance;
     Walk walk = start_walk(vec3(0.0), -seen.wo);

@@ -133,8 +133,8 @@ void make_path_vertex(inout Path path, inout SurfaceInteraction surface) {
     regularize(surface.material, path.sum_of_inverse_pdfs);
     disperse(path.walk, path.hit.instance, surface.material, path.rng);
     path.vertex = make_vertex(
-        surface.world_position, surface.geometric_world_normal, surface.ray_offset, surface.world_normal,
-        -path.walk.direction
+        surface.world_position, surface.geometric_world_normal, surface.ray_offset, surface.lift,
+        surface.world_normal, -path.walk.direction
     );
     path.vertex.brdf = prepare_brdf(surface.material, path.vertex.wo);
 }
@@ -204,7 +204,8 @@ bool trace_next_ray(inout Path path) {
             : weights.specular / (1.0 - diffuse_probability);
     }
     Medium medium = path.walk.medium;
-    bool goes_on = scatter(path.walk, next, path.vertex.frame, path.vertex.geometric_normal, path.medium_below);
+    bool goes_on = scatter(path.walk, next, path.vertex.frame, path.vertex.geometric_normal, path.vertex.lift,
+        path.medium_below);
     path.walk.origin = ray_origin(path.vertex, path.walk.direction);
     path.walk.mis_pdf = expected_candidates > 0.0 ? next.pdf / expected_candidates : INFINITY;
     path.sum_of_inverse_pdfs += 1.0 / next.pdf;
@@ -215,7 +216,8 @@ bool trace_next_ray(inout Path path) {
 
     if (max_component(sum(ris_sample.contribution)) > 0.0) {
         count_ray();
-        bool transmits = SCENE_TRANSMISSION && dot(ris_sample.wi, path.vertex.geometric_normal) < 0.0;
+        bool transmits = SCENE_TRANSMISSION && path.vertex.lift == 0.0
+            && dot(ris_sample.wi, path.vertex.geometric_normal) < 0.0;
         vec3 from = ray_origin(path.vertex, ris_sample.wi);
         vec3 transmittance = trace_shadow_ray(from, transmits ? path.medium_below : medium, ris_sample.resolved);
         if (transmittance != vec3(0.0)) {

@@ -55,7 +55,8 @@ GBufferSurface dispersed(GBufferSurface surface, uvec2 pixel) {
 
 Vertex make_vertex(GBufferSurface surface) {
     Vertex vertex = make_vertex(
-        surface.world_position, surface.geometric_world_normal, surface.ray_offset, surface.world_normal, surface.wo
+        surface.world_position, surface.geometric_world_normal, surface.ray_offset, surface.lift,
+        surface.world_normal, surface.wo
     );
     vertex.brdf = prepare_brdf(surface.material, vertex.wo);
     return vertex;
@@ -93,7 +94,7 @@ TargetFunction evaluate_target(Vertex vertex, PathReservoir reservoir) {
         incident = light.radiance_in_area_measure * light.inverse_area_pdf;
     }
     vec3 wi = direction * vertex.frame;
-    if (!is_on_valid_side(wi.z, direction, vertex.geometric_normal)) { return nothing; }
+    if (!is_on_valid_side(wi.z, direction, vertex.geometric_normal, vertex.lift)) { return nothing; }
     PerLobe lobes = lobes_times_cosine(vertex, wi);
     PerLobe light = scale(reused_lobes(lobes, vertex.brdf.specular.perceptual_roughness), incident);
     return TargetFunction(light, luminance(sum(light)));
@@ -118,14 +119,16 @@ vec3 trace_sample_transmittance(Vertex vertex, PathReservoir reservoir, bool in_
     vec3 to_sample, origin = vertex.origin;
     float t_max = 1.0;
     if (is_path_sample(reservoir)) {
-        if (SCENE_TRANSMISSION) { origin = ray_origin(vertex, hit_position(reservoir) - vertex.position); }
+        if (SCENE_TRANSMISSION || vertex.lift > 0.0) {
+            origin = ray_origin(vertex, hit_position(reservoir) - vertex.position);
+        }
         to_sample = hit_position(reservoir) - origin;
         // ends before the point by the rounding error of a ray of this length
         to_sample += hit_normal(reservoir) * (16.0 * ROUNDING_UNIT * max_component(abs(to_sample)));
     } else {
         ResolvedLightSample light = resolve_light_point(reservoir);
         bool at_infinity = is_at_infinity(light.kind);
-        if (SCENE_TRANSMISSION || SCENE_PORTAL) {
+        if (SCENE_TRANSMISSION || SCENE_PORTAL || vertex.lift > 0.0) {
             vec3 end = light_sample_for_receiver(light, vertex.position).world_position;
             origin = ray_origin(vertex, at_infinity ? end : end - vertex.position);
             light = for_shadow_ray(light, end);

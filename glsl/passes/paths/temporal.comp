@@ -63,6 +63,7 @@ void main() {
         if (!is_dispersive(surface) && find_temporal_neighbor(pixel, surface, neighbor, neighbor_surface)
             && !(SCENE_DISPERSION && neighbor_surface.instance != surface.instance)) {
             neighbor_surface.ray_offset = surface.ray_offset;  // the previous G-buffer has none
+            neighbor_surface.lift = surface.lift;
             PathReservoir previous = load_previous_reservoir(neighbor);
             vec2 confidence = vec2(
                 previous_confidence(previous.confidence, reservoir), previous_confidence(previous.confidence, previous)

@@ -10,17 +10,23 @@
 struct Vertex {
     vec3 position;
     vec3 geometric_normal;  // faces the direction from which the vertex is seen
-    vec3 origin;            // of rays that leave the vertex on the side of geometric_normal
+    float ray_offset;       // of rays that leave the vertex: SurfaceInteraction
+    float lift;             // likewise
+    vec3 origin;            // of such rays on the side of geometric_normal, without the lift
     mat3 frame;             // its z axis is the shading normal; v * frame is v in the frame
     vec3 wo;                // in that frame
     Brdf brdf;
 };
 
 // A vertex without its BRDF. `wo` is in world space.
-Vertex make_vertex(vec3 position, vec3 geometric_normal, float ray_offset, vec3 shading_normal, vec3 wo) {
+Vertex make_vertex(
+    vec3 position, vec3 geometric_normal, float ray_offset, float lift, vec3 shading_normal, vec3 wo
+) {
     Vertex vertex;
     vertex.position = position;
     vertex.geometric_normal = geometric_normal;
+    vertex.ray_offset = ray_offset;
+    vertex.lift = lift;
     vertex.origin = position + ray_offset * geometric_normal;
     vertex.frame = orthonormalize(shading_normal);
     vertex.wo = wo * vertex.frame;
@@ -29,8 +35,7 @@ Vertex make_vertex(vec3 position, vec3 geometric_normal, float ray_offset, vec3 
 
 // The origin of rays in a direction, offset to that side of the surface.
 vec3 ray_origin(Vertex vertex, vec3 direction) {
-    bool transmits = SCENE_TRANSMISSION && dot(direction, vertex.geometric_normal) < 0.0;
-    return transmits ? 2.0 * vertex.position - vertex.origin : vertex.origin;
+    return ray_origin(vertex.position, vertex.geometric_normal, vertex.ray_offset, vertex.lift, direction);
 }
 
 // BRDF times cosine, by lobe.
@@ -64,7 +69,7 @@ void regularize(inout ResolvedMaterial material, float sum_of_inverse_pdfs) {
 // BRDF sample.
 PerLobe evaluate_next_event(Vertex vertex, LightContribution light, float expected_candidates) {
     vec3 wi = light.wi * vertex.frame;
-    if (!is_on_valid_side(wi.z, light.wi, vertex.geometric_normal)) { return ZERO_LOBES; }
+    if (!is_on_valid_side(wi.z, light.wi, vertex.geometric_normal, vertex.lift)) { return ZERO_LOBES; }
     float light_pdf = expected_candidates * light.solid_angle_pdf;
     float mis_weight = power_heuristic(light_pdf, brdf_pdf(vertex.brdf, vertex.wo, wi));
     return scale(lobes_times_cosine(vertex, wi), light.radiance_in_area_measure * mis_weight * light.inverse_area_pdf);

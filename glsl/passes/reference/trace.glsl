@@ -81,7 +81,7 @@ bool leave_vertex(inout Path path, Vertex vertex, inout uint rng) {
         );
     }
     BrdfSample next = sample_brdf(vertex.brdf, vertex.wo, rng);
-    bool valid = scatter(path.walk, next, vertex.frame, surface.geometric_world_normal, vertex.below);
+    bool valid = scatter(path.walk, next, vertex.frame, surface.geometric_world_normal, surface.lift, vertex.below);
     path.walk.mis_pdf = mis_pdf(path.walk.mis_pdf);
     path.walk.origin = ray_origin(surface, path.walk.direction);
     path.bounce += 1u;

@@ -24,7 +24,7 @@ void main() {
 
     vec3 normal = surface.geometric_world_normal;
     Path path = start_path(rng);
-    path.vertex = make_vertex(surface.world_position, normal, surface.ray_offset, normal, normal);
+    path.vertex = make_vertex(surface.world_position, normal, surface.ray_offset, 0.0, normal, normal);
     path.vertex.brdf = lambert_brdf(vec3(1.0));
     path.walk.medium = find_medium(path.vertex.origin);
     path.candidates = world_cache_settings.candidates;

@@ -95,7 +95,7 @@ vec3 trace_path(Walk walk, Cone cone, inout uint rng, out float first_t) {
         // Differs from Solari: later bounces sample the whole BRDF, so that matte surfaces need no MIS of their own.
         BrdfSample next = sample_brdf(brdf, wo, rng);
         spread(cone, next, brdf.specular.roughness);
-        bool valid = scatter(walk, next, frame, surface.geometric_world_normal, below);
+        bool valid = scatter(walk, next, frame, surface.geometric_world_normal, surface.lift, below);
         walk.origin = ray_origin(surface, walk.direction);
         if (as_solari) { cone.width = widen_as_solari(cone.width, ray_t, surface.material.base.roughness); }
         // last, when the surface isn't needed any more
@@ -159,10 +159,10 @@ void main() {
     walk.cone_width += walk.cone_spread * distance;
     walk.medium = camera_medium();
     Medium below = medium_below(surface.instance, surface.material, walk.medium);
-    bool valid = scatter(walk, next, frame, surface.geometric_world_normal, below);
+    bool valid = scatter(walk, next, frame, surface.geometric_world_normal, surface.lift, below);
     if (!(valid && max_component(walk.throughput) > 0.0)) { return; }
     walk.origin = ray_origin(
-        surface.world_position, surface.geometric_world_normal, surface.ray_offset, walk.direction
+        surface.world_position, surface.geometric_world_normal, surface.ray_offset, surface.lift, walk.direction
     );
     walk.mis_pdf = surface.material.base.roughness <= specular_gi_settings.di_roughness ? INFINITY : 0.0;
     Cone cone = Cone(0.0, 0.0);
