@@ -21,6 +21,7 @@ layout(constant_id = paths_reuse_id) const bool paths_reuse = false;
 
 struct Path {
     Vertex vertex;                // the current one, from which the next ray leaves
+    Receiver receiver;            // of the light samples that compete in MIS with the last ray
     Walk walk;                    // along the last ray; its throughput is without `first_weight`
     Hit hit;                      // of the last ray
     Medium medium_below;          // of the vertex: scene/walk.glsl
@@ -137,6 +138,7 @@ void make_path_vertex(inout Path path, inout SurfaceInteraction surface) {
         surface.world_normal, -path.walk.direction
     );
     path.vertex.brdf = prepare_brdf(surface.material, path.vertex.wo);
+    path.vertex.transmits = transmits(surface.material);
 }
 
 // Adds what the hit reflects of the world cache's irradiance: by both lobes if is_rough, and then the path ends; else
@@ -173,6 +175,7 @@ bool trace_next_ray(inout Path path) {
     if (path.specular_only) { path.vertex.brdf = without_diffuse_lobe(path.vertex.brdf); }
     path.specular_only = false;
     Brdf brdf = path.vertex.brdf;
+    path.receiver = make_receiver(path.vertex);
     bool first = path.bounce == 0u;
     uint candidates = path.candidates;
     if (!first) {
@@ -185,7 +188,9 @@ bool trace_next_ray(inout Path path) {
     RisLightSample ris_sample;
     ris_sample.contribution = ZERO_LOBES;
     if (rand_f(path.rng) < probability) {
-        ris_sample = sample_light_by_ris(path.vertex, candidates, expected_candidates, path.rng);
+        ris_sample = sample_light_by_ris(
+            path.vertex, path.receiver, candidates, expected_candidates, path.rng
+        );
         ris_sample.contribution = scale(ris_sample.contribution, path.walk.throughput / probability);
     }
 
@@ -235,7 +240,7 @@ bool trace_next_ray(inout Path path) {
     }
     if (!goes_on) { return false; }
 
-    Segment segment = trace_segment(path.walk, receiver(path.vertex), path.rng);
+    Segment segment = trace_segment(path.walk, path.receiver, path.rng);
     count_rays(segment.rays);
     path.hit = segment.hit;
     if (first) {
@@ -245,7 +250,7 @@ bool trace_next_ray(inout Path path) {
         segment.transmittance = FULL_TRANSMITTANCE;
     }
     vec3 emitted = vec3(0.0);
-    bool hits = accumulate_segment(path.walk, segment, receiver(path.vertex), emitted);
+    bool hits = accumulate_segment(path.walk, segment, path.receiver, emitted);
     add_light(path, emitted, path.diffuse_at_x2);
     if (!hits) { return false; }
     path.footprint += sqrt(path.sum_of_inverse_pdfs) * path.hit.t;
@@ -261,7 +266,7 @@ bool arrive(inout Path path, bool resumed) {
     if (resumed) {
         path.walk.throughput = throughput;  // which has these factors already
     } else {
-        float light_pdf = hit_light_pdf(receiver(path.vertex), path.hit, surface, path.walk.direction);
+        float light_pdf = hit_light_pdf(path.receiver, path.hit, surface, path.walk.direction);
         add_light(path, emitted_light(path.walk, surface, light_pdf), path.diffuse_at_x2);
     }
     make_path_vertex(path, surface);

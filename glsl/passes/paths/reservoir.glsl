@@ -59,6 +59,7 @@ Vertex make_vertex(GBufferSurface surface) {
         surface.world_normal, surface.wo
     );
     vertex.brdf = prepare_brdf(surface.material, vertex.wo);
+    vertex.transmits = transmits(surface.material);
     return vertex;
 }
 

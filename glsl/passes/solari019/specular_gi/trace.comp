@@ -86,7 +86,10 @@ vec3 trace_path(Walk walk, Cone cone, inout uint rng, out float first_t) {
 
         Brdf brdf = prepare_brdf(surface.material, wo);
         Medium below = medium_below(segment.hit.instance, surface.material, walk.medium);
-        receiver = Receiver(surface.world_position, surface.world_normal);
+        receiver = make_receiver(
+            surface.world_position, surface.world_normal, surface.geometric_world_normal, surface.lift,
+            transmits(surface.material), false
+        );
         NextEvent event;
         event.radiance = vec3(0.0);
         if (!is_delta(brdf)) {
