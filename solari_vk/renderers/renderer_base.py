@@ -166,6 +166,11 @@ class RendererBase(Hints):
         """The frame's passes: what they read and write, the barriers before them and why, and their GPU times."""
         return self._frame.describe()
 
+    @property
+    def has_frame(self) -> bool:
+        """Whether there is a latest frame, whose results can be asked for."""
+        return self._latest is not None
+
     def __getitem__(self, name: str) -> NDArray[Any]:
         """A result of the latest frame, as RenderedFrame has it. Raises SolariError if there is no frame."""
         if self._latest is None:

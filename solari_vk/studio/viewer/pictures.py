@@ -355,7 +355,8 @@ class Pictures:
         """The number of rays traced so far for the pictures of the mode, where they are counted. A counter may restart
         from 0."""
         count = 0
-        if self.realtime is not None and self.mode != "reference":
+        # A renderer that was just made, as for another size, has no frame.
+        if self.realtime is not None and self.realtime.has_frame and self.mode != "reference":
             count += int(self.realtime["ray_counts"].sum(dtype=np.uint64))
         if self.reference is not None and self.mode != "realtime":
             count += self.reference.tracer.rays
