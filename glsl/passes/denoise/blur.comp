@@ -55,6 +55,15 @@ vec2 luminances(uint means, Signals signals) {
     return vec2(unpack_positive(means, 16u), unpack_positive(means >> 16u, 16u));
 }
 
+// How much the lights of two pixels of a metal differ, in units of their luminance: as much as the channel that differs
+// most in proportion. A metal colors light less the more the light grazes it (Fresnel), while the albedo by which light
+// is demodulated is a mean over all directions. So a colored texture of a metal is left in demodulated light where that
+// comes from few directions, in the channels that the metal reflects least, which luminance hardly shows.
+float channel_difference(Signal a, Signal b) {
+    vec3 difference = abs(a.radiance - b.radiance) / max(a.radiance + b.radiance, EPSILON);
+    return max_component(difference) * luminance(a.radiance + b.radiance);
+}
+
 // Whether so little noise is left in the sum of both lobes that wider passes would change nothing visible. Not where
 // all is black, since wider passes may bring light there.
 bool is_converged(ivec2 pixel, uint kind, Signals signals) {
@@ -117,6 +126,9 @@ void main() {
     float min_alpha_if_noisy = state == REFLECTION_EDGES_UNKNOWN ? MIN_ALPHA_UNKNOWN_EDGES : MIN_ALPHA_NOISY;
     float relative_error = max(own.specular.standard_error, 0.0) / max(values.y, 1e-9);
     EdgeStopping edges = make_edge_stopping(guide, pixel, relative_error, min_alpha_if_noisy);
+    // Not in the first pass, which compares means of luminances.
+    bool compares_channels = level > 0u
+        && max_component(imageLoad(guides_specular_albedo, texel_of(pixel)).rgb) > MIN_METAL_ALBEDO;
     FilterSum diffuse = EMPTY_SUM, specular = EMPTY_SUM;
     for (int y = -1; y <= 1; y++) {
         for (int x = -1; x <= 1; x++) {
@@ -129,6 +141,7 @@ void main() {
             Signals neighbor = unpack_signals(other_bits.xyz);
             bool other_done = is_done(neighbor.state);
             vec2 differences = luminances(other_bits.w, neighbor) - values;
+            if (compares_channels) { differences.y = channel_difference(own.specular, neighbor.specular); }
             add_neighbor(diffuse, own.diffuse, neighbor.diffuse, differences.x, weights.x, other_done);
             add_neighbor(specular, own.specular, neighbor.specular, differences.y, weights.y, other_done);
         }

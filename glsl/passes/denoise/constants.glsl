@@ -78,6 +78,8 @@ const float MATERIAL_TOLERANCE = 0.1;  // of Guide.roughness_or_albedo
 // ---- the blur: Dammertz et al. (HPG 2010) ------------------------------------------------------------
 
 const float SIGMA_LUMINANCE = 2.2;  // sigma_l in SVGF
+// Albedo of the specular lobe from which channels are compared beside luminances: of metals, and of half-metals.
+const float MIN_METAL_ALBEDO = 0.1;
 const float CENTER_WEIGHT = 4.0;  // of the 3 x 3 kernel, (1 2 1) x (1 2 1); Dammertz et al. have 5 x 5
 const float CONVERGED_NOISE = 0.025;  // standard deviation over mean, below which a pixel is filtered no more
 const float MIN_ACCEPTED_RATIO = 0.25;  // FilterSum.accepted_weight / weight_sum: below it in both lobes, the blur ends
