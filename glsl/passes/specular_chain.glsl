@@ -12,7 +12,7 @@ struct SpecularChainHit {
     bool exists;
     SurfaceInteraction surface;
     float ray_t;          // length of the last ray
-    RayTransmittance first_transmittance;  // of the first ray
+    RayTransmittance first_transmittance;  // of the first ray, its medium included
     uint mirror_count;
     vec3 first_position;  // where the first ray ended, moved off the surface
     vec3 emitted;         // by lights seen in mirrors, which light samples can't find; throughput is applied
@@ -50,13 +50,17 @@ SpecularChainHit trace_specular_chain(inout Walk walk, inout uint rng) {
     for (found.mirror_count = 0u; found.mirror_count < MAX_DELTA_BOUNCES; found.mirror_count++) {
         Segment segment = trace_segment(walk, NO_RECEIVER, rng);
         count_rays(segment.rays);
+        Medium medium = walk.medium;
         if (found.mirror_count == 0u) {
             found.first_transmittance = segment.transmittance;
+            found.first_transmittance.weight *= transmittance(medium, segment.hit.t);
             segment.transmittance = FULL_TRANSMITTANCE;
+            walk.medium = NO_MEDIUM;
         }
         found.exists = accumulate_segment(walk, segment, NO_RECEIVER, found.emitted);
         if (!found.exists) { return found; }
         found.surface = arrive_at_surface(walk, segment.hit);
+        walk.medium = medium;
         found.ray_t = segment.hit.t;
         walk.origin = found.surface.world_position + found.surface.ray_offset * found.surface.geometric_world_normal;
         if (found.mirror_count == 0u) { found.first_position = walk.origin; }

@@ -25,6 +25,7 @@ struct LightContribution {
     vec3 radiance_in_area_measure;
     float inverse_area_pdf;
     vec3 wi;
+    float distance;          // INFINITY for lights at infinity
     float solid_angle_pdf;   // of wi, for MIS with BRDF samples; differs from Solari, which mixes measures
 };
 
@@ -78,6 +79,7 @@ LightContribution calculate_resolved_light_contribution(ResolvedLightSample ligh
         light_sample.radiance * solid_angle_per_area,
         light_sample.inverse_area_pdf,
         wi,
+        is_at_infinity(light_sample.kind) ? INFINITY : sqrt(distance_squared),
         can_be_hit_by_rays(light_sample.kind) ? solid_angle_pdf : INFINITY
     );
 }

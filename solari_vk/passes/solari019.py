@@ -56,7 +56,8 @@ def restir_di(size: tuple[int, int], settings: Settings) -> Stage:
     """The light that surfaces reflect straight from lights: the reservoirs after each half, and the radiance by the
     diffuse and the specular lobe.
 
-    Inputs: `gbuffer*`, `depth`, `motion_vectors`, `previous_*`, `light_tile*`, `*_table`, `brdf_averages`.
+    Inputs: `camera_media`, `gbuffer*`, `depth`, `motion_vectors`, `previous_*`, `light_tile*`, `*_table`,
+    `brdf_averages`.
     Outputs: `di_diffuse`, `di_specular`; for debug views `di_reservoirs`, `di_outcomes`.
     """
     pixels = size[0] * size[1]
@@ -78,7 +79,8 @@ def restir_di(size: tuple[int, int], settings: Settings) -> Stage:
 def restir_gi(size: tuple[int, int], settings: Settings) -> Stage:
     """Indirect light of diffuse surfaces: the reservoirs before and after spatial reuse, and the radiance.
 
-    Inputs: `gbuffer*`, `depth`, `motion_vectors`, `previous_*`, `world_cache_*`, `*_table`, `brdf_averages`.
+    Inputs: `camera_media`, `gbuffer*`, `depth`, `motion_vectors`, `previous_*`, `world_cache_*`, `*_table`,
+    `brdf_averages`.
     Outputs: `gi_diffuse`, `gi_reservoirs`, and new cells, `world_cache_*`.
     """
     # ReSTIR GI: Ouyang et al., "ReSTIR GI: Path Resampling for Real-Time Path Tracing" (2021). Temporal reuse is a pass

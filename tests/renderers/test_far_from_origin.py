@@ -7,6 +7,7 @@ import pytest
 
 import solari_vk as sv
 from solari_vk.bound.projection import Projection
+from solari_vk.scene import shapes
 
 FAR = np.array((1e7, -3e6, 7e6))
 SIZE = 24, 24
@@ -72,6 +73,31 @@ def test_realtime(device, scenes):
     (here, albedo), (there, far_albedo) = pictures
     assert there == pytest.approx(here, rel=0.05)
     check_equal(far_albedo, albedo)
+
+
+def test_under_water(device):
+    """A ball of few triangles, whose rays start above them, in a solid that absorbs light around the camera too."""
+    traced, framed = [], []
+    water = {"base_color": 1.0, "transmission": 1.0, "roughness": 0.0, "ior": 1.0, "solid": True}
+    for shift in (np.zeros(3), FAR):
+        scene = sv.Scene(sv.PointLight(np.add(shift, (2, 1.5, 2)), intensity=10.0))
+        scene.add(shapes.sphere(segments=16), sv.Material(base_color=0.8))
+        scene.add(
+            shapes.box((-4, -3, -3), (4, 3, 5)),
+            sv.Material(**water, attenuation_color=(0.5, 0.7, 0.9), attenuation_distance=1.0),
+        )
+        for instance in scene.instances:
+            instance.position = shift
+        scene.camera = sv.Camera.look_at(np.add(shift, (0, 0, 4)), shift, vertical_fov=0.5, ev100=0)
+        with sv.PathTracer(device, scene, SIZE) as renderer:
+            traced.append(renderer.render(samples=8)["raw_radiance"])
+        for settings in ({}, {"restir": True}, {"lighting": "split"}):
+            with sv.Renderer(device, scene, SIZE, sv.Settings(**settings)) as renderer:
+                framed.append(np.mean([renderer.render()["raw_radiance"] for _ in range(8)], axis=(0, 1, 2)))
+    check_equal(traced[1], traced[0])
+    np.testing.assert_allclose(framed[3:], framed[:3], rtol=0.05)
+    # and all that the path tracer sees
+    np.testing.assert_allclose(framed[:3], [np.mean(traced[0], axis=(0, 1))] * 3, rtol=0.1)
 
 
 def test_worlds_of_a_batch(device, scenes):

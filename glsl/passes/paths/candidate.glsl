@@ -70,13 +70,14 @@ bool first_ray_is_delta(Path path) { return path.sum_of_inverse_pdfs == 0.0; }
 // Writes the candidates of a path that has traced its first ray, and returns the light that reservoirs leave out. After
 // one ray, `path.radiance` is only what is emitted where it ended.
 PerLobe write_candidate(inout Path path, uint index, float perceptual_roughness) {
-    // Target functions leave out transmittance. Since the ray has passed the blended surfaces before its hit by chance,
-    // radiance over the probability of that is the estimate without transmittance.
-    RayTransmittance transmittance = path.first_transmittance;
+    // Target functions leave out the transmittance of surfaces. Since the ray has passed blended surfaces before its
+    // hit by chance, radiance over the probability of that is the estimate without their transmittance.
+    RayTransmittance passed = path.first_transmittance;
     PerLobe at_hit = ZERO_LOBES;
     bool delta = first_ray_is_delta(path);
     if (!delta) {
-        vec3 emitted = path.first_along_ray.radiance_over_probability + path.radiance / transmittance.probability;
+        vec3 arriving = path.radiance * transmittance(path.first_medium, path.hit.t);
+        vec3 emitted = path.first_along_ray.radiance_over_probability + arriving / passed.probability;
         at_hit = scale(path.first_weight, emitted);
     }
     float sampled_luminance = luminance(sum(reused_lobes(path.direct, perceptual_roughness)));
@@ -93,7 +94,7 @@ PerLobe write_candidate(inout Path path, uint index, float perceptual_roughness)
     if (candidate.light.x == NO_INDEX) { candidate.light_resampling_weight = 0.0; }
     candidate.instance = path.hit.instance;
     candidate.path_contribution_weight =
-        path.hit.instance == NO_INDEX ? 0.0 : path.sum_of_inverse_pdfs / transmittance.probability;
+        path.hit.instance == NO_INDEX ? 0.0 : path.sum_of_inverse_pdfs / passed.probability;
     candidate.position = path.vertex.origin;
     candidate.normal = pack_octahedral_2x16(path.vertex.geometric_normal);
     candidate.radiance = path.reusable_radiance;

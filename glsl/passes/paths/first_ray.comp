@@ -3,7 +3,6 @@
 #include "common/pixel.glsl"
 #include "common/sobol.glsl"
 #include "passes/bindings.glsl"  // and passes/views.glsl: find_pixel, choose_view, element_index
-#include "passes/camera_medium.glsl"
 #include "passes/gbuffer/gbuffer.glsl"
 #include "passes/demodulation.glsl"
 #include "passes/paths/candidate.glsl"
@@ -26,8 +25,7 @@ Path start_path(uvec2 pixel, GBufferSurface surface, uint sample_index) {
         disperse(path.walk, surface.instance, surface.material, u);
     }
     path.vertex = make_vertex(surface);
-    path.walk.medium = camera_medium();
-    path.medium_below = medium_below(surface.instance, surface.material, path.walk.medium);
+    path.walk.medium = path.vertex.above;
     float choice = sobol_point(this_frame.index, seed_rng(pixel, 0u, first_salt)).x;
     path.lobe_u = fract(choice + unit_float(bitfieldReverse(sample_index)));
     uint sequence = seed_rng(pixel, 0u, salt);

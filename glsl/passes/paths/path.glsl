@@ -24,14 +24,15 @@ struct Path {
     Receiver receiver;            // of the light samples that compete in MIS with the last ray
     Walk walk;                    // along the last ray; its throughput is without `first_weight`
     Hit hit;                      // of the last ray
-    Medium medium_below;          // of the vertex: scene/walk.glsl
     bool specular_only;           // the next direction is of the specular lobe: the world cache gave the diffuse light
     uint bounce;                  // rays traced so far
     uint delta_bounces;           // of them, those in directions of delta lobes
     PerLobe first_weight;         // BRDF times cosine over pdf of the first ray, by lobe of the first vertex
     // Of the blended surfaces and thin-walled glass that the first ray has passed, with a `probability`; `weight` is
-    // their transmittance over that. `radiance` and `reusable_radiance` are without it.
+    // their transmittance over that, with reuse times that of `first_medium`. `radiance` and `reusable_radiance` are
+    // without it.
     RayTransmittance first_transmittance;
+    Medium first_medium;          // with reuse, the medium of the first ray
     LightAlongRay first_along_ray;  // of pass-through lights on the first ray: sphere lights, which don't end it
     vec3 radiance;                // that the first ray carries from x2 or infinity, without `reusable_radiance`
     // With reuse, apart from `radiance`: what x2 reflects by its diffuse lobe; and whether light that is found after x2
@@ -40,7 +41,7 @@ struct Path {
     bool diffuse_at_x2;
     LightSample direct_sample;    // with reuse, the light sample at the first vertex
     PerLobe direct;               // what the first vertex reflects of it, without `direct_transmittance`
-    vec3 direct_transmittance;
+    vec3 direct_transmittance;    // of surfaces
     bool first_ray_is_diffuse;    // whether the first ray was sampled from the diffuse lobe
     // Over the path's directions so far, in steradians; 0 while all were of delta lobes. A measure of how far paths
     // have spread.
@@ -65,7 +66,7 @@ Path start_path(uint rng) {
     path.walk.delta_path_from_camera = true;
     path.hit = NO_HIT;
     path.hit.t = 0.0;  // unknown: no ray is traced yet
-    path.medium_below = NO_MEDIUM;
+    path.first_medium = NO_MEDIUM;
     path.specular_only = false;
     path.bounce = path.delta_bounces = 0u;
     path.first_weight = path.direct = ZERO_LOBES;
@@ -130,7 +131,7 @@ bool is_rough(ResolvedMaterial material) {
 
 // Makes the vertex of the surface that the path's last ray hit.
 void make_path_vertex(inout Path path, inout SurfaceInteraction surface) {
-    path.medium_below = medium_below(path.hit.instance, surface.material, path.walk.medium);
+    Medium below = medium_below(path.hit.instance, surface.material, path.walk.medium);
     regularize(surface.material, path.sum_of_inverse_pdfs);
     disperse(path.walk, path.hit.instance, surface.material, path.rng);
     path.vertex = make_vertex(
@@ -139,6 +140,8 @@ void make_path_vertex(inout Path path, inout SurfaceInteraction surface) {
     );
     path.vertex.brdf = prepare_brdf(surface.material, path.vertex.wo);
     path.vertex.transmits = transmits(surface.material);
+    path.vertex.above = path.walk.medium;
+    path.vertex.below = below;
 }
 
 // Adds what the hit reflects of the world cache's irradiance: by both lobes if is_rough, and then the path ends; else
@@ -208,9 +211,8 @@ bool trace_next_ray(inout Path path) {
         next.weight = path.diffuse_at_x2 ? weights.diffuse / diffuse_probability
             : weights.specular / (1.0 - diffuse_probability);
     }
-    Medium medium = path.walk.medium;
     bool goes_on = scatter(path.walk, next, path.vertex.frame, path.vertex.geometric_normal, path.vertex.lift,
-        path.medium_below);
+        path.vertex.below);
     path.walk.origin = ray_origin(path.vertex, path.walk.direction);
     path.walk.mis_pdf = expected_candidates > 0.0 ? next.pdf / expected_candidates : INFINITY;
     path.sum_of_inverse_pdfs += 1.0 / next.pdf;
@@ -221,10 +223,8 @@ bool trace_next_ray(inout Path path) {
 
     if (max_component(sum(ris_sample.contribution)) > 0.0) {
         count_ray();
-        bool transmits = SCENE_TRANSMISSION && path.vertex.lift == 0.0
-            && dot(ris_sample.wi, path.vertex.geometric_normal) < 0.0;
         vec3 from = ray_origin(path.vertex, ris_sample.wi);
-        vec3 transmittance = trace_shadow_ray(from, transmits ? path.medium_below : medium, ris_sample.resolved);
+        vec3 transmittance = trace_shadow_ray(from, ris_sample.resolved);
         if (transmittance != vec3(0.0)) {
             if (first) {
                 path.direct = ris_sample.contribution;
@@ -248,6 +248,11 @@ bool trace_next_ray(inout Path path) {
         path.first_transmittance = segment.transmittance;
         segment.along_ray = NO_LIGHT_ALONG_RAY;
         segment.transmittance = FULL_TRANSMITTANCE;
+        if (paths_reuse && SCENE_ABSORPTION) {
+            path.first_medium = path.walk.medium;
+            path.first_transmittance.weight *= transmittance(path.first_medium, path.hit.t);
+            path.walk.medium = NO_MEDIUM;  // until the ray has arrived
+        }
     }
     vec3 emitted = vec3(0.0);
     bool hits = accumulate_segment(path.walk, segment, path.receiver, emitted);
@@ -262,6 +267,7 @@ bool trace_next_ray(inout Path path) {
 bool arrive(inout Path path, bool resumed) {
     vec3 throughput = path.walk.throughput;
     SurfaceInteraction surface = arrive_at_surface(path.walk, path.hit);
+    if (paths_reuse && SCENE_ABSORPTION && !resumed && path.bounce == 1u) { path.walk.medium = path.first_medium; }
     remove_straight_transmission(path.hit, path.walk.direction, surface.material, path.walk.throughput);
     if (resumed) {
         path.walk.throughput = throughput;  // which has these factors already

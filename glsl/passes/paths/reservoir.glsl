@@ -13,6 +13,7 @@
 #define PASSES_PATHS_RESERVOIR_GLSL
 
 #include "common/sobol.glsl"
+#include "passes/camera_medium.glsl"
 #include "passes/gbuffer/gbuffer.glsl"
 #include "passes/paths/bindings.glsl"
 #include "passes/paths/vertex.glsl"  // and scene/sampling.glsl, which says what resolve_light and its like do
@@ -24,7 +25,8 @@ const float MAX_JACOBIAN = 8.0;
 
 const uint WAVELENGTH_SALT = 0x2C1B3C6Du;
 
-// The target function of a sample at a surface: the luminance that it reflects, without occlusion and transmittance.
+// The target function of a sample at a surface: the luminance that it reflects, without occlusion and the
+// transmittance of surfaces, but with that of the medium.
 struct TargetFunction {
     PerLobe integrand;  // reflected radiance, to be multiplied by the sample's unbiased contribution weight
     float value;        // its luminance
@@ -60,6 +62,8 @@ Vertex make_vertex(GBufferSurface surface) {
     );
     vertex.brdf = prepare_brdf(surface.material, vertex.wo);
     vertex.transmits = transmits(surface.material);
+    vertex.above = camera_medium();
+    vertex.below = medium_below(surface.instance, surface.material, vertex.above);
     return vertex;
 }
 
@@ -85,17 +89,21 @@ TargetFunction evaluate_target(Vertex vertex, PathReservoir reservoir) {
     TargetFunction nothing = TargetFunction(ZERO_LOBES, 0.0);
     if (!(reservoir.weight > 0.0)) { return nothing; }
     vec3 direction, incident;
+    float t;  // the sample's distance
     if (is_path_sample(reservoir)) {
         direction = safe_normalize(hit_position(reservoir) - vertex.position, vec3(0.0));
+        t = distance(hit_position(reservoir), vertex.position);
         incident = reservoir.radiance;
     } else {
         LightContribution light =
             calculate_resolved_light_contribution(resolve_light_point(reservoir), vertex.position);
         direction = light.wi;
+        t = light.distance;
         incident = light.radiance_in_area_measure * light.inverse_area_pdf;
     }
     vec3 wi = direction * vertex.frame;
     if (!is_on_valid_side(wi.z, direction, vertex.geometric_normal, vertex.lift)) { return nothing; }
+    if (SCENE_ABSORPTION) { incident *= transmittance(medium_towards(vertex, direction), t); }
     PerLobe lobes = lobes_times_cosine(vertex, wi);
     PerLobe light = scale(reused_lobes(lobes, vertex.brdf.specular.perceptual_roughness), incident);
     return TargetFunction(light, luminance(sum(light)));

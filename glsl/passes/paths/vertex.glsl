@@ -17,9 +17,10 @@ struct Vertex {
     vec3 wo;                // in that frame
     Brdf brdf;
     bool transmits;         // light may come from below the surface too
+    Medium above, below;    // on the side from which the vertex is seen, and on the other one
 };
 
-// A vertex without its BRDF. `wo` is in world space.
+// A vertex without its BRDF and media. `wo` is in world space.
 Vertex make_vertex(
     vec3 position, vec3 geometric_normal, float ray_offset, float lift, vec3 shading_normal, vec3 wo
 ) {
@@ -32,7 +33,14 @@ Vertex make_vertex(
     vertex.frame = orthonormalize(shading_normal);
     vertex.wo = wo * vertex.frame;
     vertex.transmits = false;
+    vertex.above = vertex.below = NO_MEDIUM;
     return vertex;
+}
+
+// The medium in which a ray leaves the vertex.
+Medium medium_towards(Vertex vertex, vec3 direction) {
+    bool transmits = SCENE_TRANSMISSION && vertex.lift == 0.0 && dot(direction, vertex.geometric_normal) < 0.0;
+    return transmits ? vertex.below : vertex.above;
 }
 
 // The origin of rays in a direction, offset to that side of the surface.
@@ -66,15 +74,17 @@ void regularize(inout ResolvedMaterial material, float sum_of_inverse_pdfs) {
 // in world space with its radiance and pdf (ResolvedLightSample), and calculate_resolved_light_contribution what
 // reaches the vertex from there without occlusion (LightContribution).
 
-// What a vertex reflects of a light sample without occlusion, over the sample's pdf, with its MIS weight against BRDF
-// samples. `expected_candidates`, the expected number of RIS candidates, is n_l in Veach's multi-sample model, for one
-// BRDF sample.
+// What a vertex reflects of a light sample through the medium without occlusion, over the sample's pdf, with its MIS
+// weight against BRDF samples. `expected_candidates`, the expected number of RIS candidates, is n_l in Veach's
+// multi-sample model, for one BRDF sample.
 PerLobe evaluate_next_event(Vertex vertex, LightContribution light, float expected_candidates) {
     vec3 wi = light.wi * vertex.frame;
     if (!is_on_valid_side(wi.z, light.wi, vertex.geometric_normal, vertex.lift)) { return ZERO_LOBES; }
     float light_pdf = expected_candidates * light.solid_angle_pdf;
     float mis_weight = power_heuristic(light_pdf, brdf_pdf(vertex.brdf, vertex.wo, wi));
-    return scale(lobes_times_cosine(vertex, wi), light.radiance_in_area_measure * mis_weight * light.inverse_area_pdf);
+    vec3 received = light.radiance_in_area_measure * mis_weight * light.inverse_area_pdf;
+    if (SCENE_ABSORPTION) { received *= transmittance(medium_towards(vertex, light.wi), light.distance); }
+    return scale(lobes_times_cosine(vertex, wi), received);
 }
 
 // Next event estimation before the shadow ray.

@@ -57,8 +57,8 @@ vec3 surface_albedo(ResolvedMaterial material, vec3 wo) {
     return albedos.diffuse + albedos.specular;
 }
 
-// An estimate of the direct irradiance at a hit, from one light sample and a shadow ray.
-vec3 sample_irradiance(SurfaceInteraction hit, inout uint rng) {
+// An estimate of the direct irradiance at a hit, from one light sample and a shadow ray in a medium.
+vec3 sample_irradiance(SurfaceInteraction hit, Medium medium, inout uint rng) {
     if (scene_info.light_count == 0u) { return vec3(0.0); }
     ChosenLeaf chosen = choose_leaf(make_receiver(hit.world_position, hit.geometric_world_normal, false, false), rng);
     ResolvedLightSample light_sample = resolve_light_sample(sample_leaf(chosen.leaf, rng), chosen.probability);
@@ -68,7 +68,7 @@ vec3 sample_irradiance(SurfaceInteraction hit, inout uint rng) {
     if (!(cosine > 0.0 && max_component(irradiance) > 0.0)) { return vec3(0.0); }
     vec3 origin = hit.world_position + hit.ray_offset * hit.geometric_world_normal;
     count_ray();
-    return irradiance * trace_shadow_ray(origin, for_shadow_ray(light_sample, light.wi));
+    return irradiance * trace_shadow_ray(origin, medium, for_shadow_ray(light_sample, light.wi));
 }
 
 const uint MAX_CACHE_MISSES = 4u;  // maximum of consecutive hits of a path for which the cache has no value
@@ -81,7 +81,7 @@ struct GatheredLight {
     vec3 reflectance;     // of the surface that the ray, or its reflections, met: radiance over irradiance
     vec3 irradiance;      // of that surface
     uint cell;            // in which that surface was looked up, or NO_INDEX
-    RayTransmittance through;      // of the ray, to where it ended
+    RayTransmittance through;      // of the ray, to where it ended, its medium included
 };
 
 vec3 gathered_radiance(GatheredLight light) { return light.emitted + light.reflectance * light.irradiance; }
@@ -121,7 +121,7 @@ GatheredLight gather_light(Walk walk, bool finest_for_short_rays, uint lifetime,
         WorldCacheResult cached =
             query_world_cache(hit.world_position, hit.geometric_world_normal, ray_t, lifetime, rng);
         if (i == 0u) { light.cell = cached.cell; }
-        light.irradiance += throughput * (cached.found ? cached.irradiance : sample_irradiance(hit, rng));
+        light.irradiance += throughput * (cached.found ? cached.irradiance : sample_irradiance(hit, walk.medium, rng));
         if (cached.found || frame_settings.world_cache == 0u) { break; }
         walk.direction = orthonormalize(hit.geometric_world_normal) * sample_cosine_hemisphere(rand_vec2f(rng));
         walk.throughput = vec3(1.0);

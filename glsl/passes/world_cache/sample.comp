@@ -26,7 +26,7 @@ void main() {
     Path path = start_path(rng);
     path.vertex = make_vertex(surface.world_position, normal, surface.ray_offset, 0.0, normal, normal);
     path.vertex.brdf = lambert_brdf(vec3(1.0));
-    path.walk.medium = find_medium(path.vertex.origin);
+    path.walk.medium = path.vertex.above = find_medium(path.vertex.origin);
     path.candidates = world_cache_settings.candidates;
     path.lobe_u = rand_f(path.rng);
     path.u = rand_vec2f(path.rng);

@@ -4,7 +4,7 @@ closed form; nested solids; frames, batches and worlds."""
 from __future__ import annotations
 
 import numpy as np
-from support.frames import PATHS, PLAIN_PATHS, make_renderer
+from support.frames import PATHS, PLAIN_PATHS, SPLIT_LIGHTING, make_renderer
 from support.seeded_bugs import Bug, bug_tests
 
 import solari_vk as sv
@@ -40,17 +40,29 @@ def looking_down(height):
     return sv.Camera.look_at((0, height, 0), (0, 0, -1e-3), vertical_fov=0.05, ev100=0)
 
 
-def traced(device, scene, camera, samples=512):
+def traced(device, scene, camera, samples=512, axis=(0, 1)):
     with sv.PathTracer(device, scene, (16, 16)) as tracer:
-        return np.mean(tracer.render(camera, samples=samples)["raw_radiance"], axis=(0, 1))
+        return np.mean(tracer.render(camera, samples=samples)["raw_radiance"], axis=axis)
 
 
-def framed(device, scene, camera):
-    with make_renderer(device, scene, (16, 16), passes=PATHS, **PLAIN_PATHS) as renderer:
-        return np.mean([np.mean(renderer.render(camera)["raw_radiance"], axis=(0, 1)) for _ in range(32)], axis=0)
+def mean_frame(device, scene, camera, frames, axis, **settings):
+    with make_renderer(device, scene, (16, 16), **settings) as renderer:
+        return np.mean([np.mean(renderer.render(camera)["raw_radiance"], axis=axis) for _ in range(frames)], axis=0)
 
 
-def check_cameras(device, ways=(traced, framed)):
+def framed(device, scene, camera, frames=32, axis=(0, 1)):
+    return mean_frame(device, scene, camera, frames, axis, passes=PATHS, **PLAIN_PATHS)
+
+
+def reused(device, scene, camera, frames=32, axis=(0, 1)):
+    return mean_frame(device, scene, camera, frames, axis, passes=PATHS, **PLAIN_PATHS, restir=True)
+
+
+def split(device, scene, camera, frames=32, axis=(0, 1)):
+    return mean_frame(device, scene, camera, frames, axis, **SPLIT_LIGHTING, jitter=False)
+
+
+def check_cameras(device, ways=(traced, framed, reused, split)):
     """A camera in water sees the floor through the water between them, and the sky through that above it."""
     for way in ways:
         for walls in (True, False):
@@ -58,7 +70,7 @@ def check_cameras(device, ways=(traced, framed)):
             for height in (0.5, 3.0):  # in the water, and above it
                 expected = ALBEDO * arriving() * COLOR ** min(height, DEPTH)
                 found = way(device, scene, looking_down(height)) / expected
-                bar = 0.05 if way is framed else 0.03  # noise, and the 8 bits of a G-buffer's glass
+                bar = 0.03 if way is traced else 0.05  # noise, and the 8 bits of a G-buffer's glass
                 np.testing.assert_allclose(found, 1, rtol=bar, err_msg=f"{way.__name__}, {walls}, {height} m")
         up = sv.Camera.look_at((0, 0.5, 0), (0, 1, 1e-3), vertical_fov=0.05, ev100=0)
         np.testing.assert_allclose(way(device, water(), up), COLOR**0.5, rtol=0.01, err_msg=way.__name__)
@@ -66,6 +78,44 @@ def check_cameras(device, ways=(traced, framed)):
 
 def test_cameras(device):
     check_cameras(device)
+
+
+def check_lamp(device, ways=(traced, framed, reused, split)):
+    """A lamp and a camera in water, over its floor."""
+    scene = water()
+    scene.environment = None
+    scene.add(sv.PointLight((0.4, 0.7, 0), intensity=10.0))
+    away = np.hypot(0.4, 0.7)
+    expected = ALBEDO / np.pi * 10 * 0.7 / away**3 * COLOR ** (away + 0.5)
+    for way in ways:
+        np.testing.assert_allclose(way(device, scene, looking_down(0.5)) / expected, 1, rtol=0.02, err_msg=way.__name__)
+
+
+def test_lamp(device):
+    check_lamp(device)
+
+
+def check_shared_light(device, ways=(reused, split)):
+    """Pixels near a lit wall and far from it share its light, which reaches each on its own way through the water."""
+    gray = sv.Material(base_color=0.8, reflectance=0.0)
+    scene = sv.Scene()
+    scene.add(shapes.quad((0, 0, 0), (4, 0, 0), (0, 0, -4)), gray)
+    scene.add(shapes.quad((0, 1, -1), (4, 0, 0), (0, 2, 0)), gray)
+    scene.add(shapes.box((-3, -1, -3), (3, 3, 3)), solid((0.1, 0.3, 0.9)))
+    scene.add(sv.SpotLight((0, 0.5, 0.3), direction=(0, 0.1, -1), intensity=100.0, outer_cone_angle=0.3))
+    camera = sv.Camera.look_at((0, 2.5, -0.1), (0, 0, -0.2), vertical_fov=0.6, ev100=0)
+    near, far = slice(3, 7), slice(9, 16)
+    expected = traced(device, scene, camera, 4096, axis=1)
+    for way in ways:
+        found = way(device, scene, camera, frames=128, axis=1)
+        for rows in (near, far):
+            error = found[rows].mean(axis=0) / expected[rows].mean(axis=0) - 1
+            print(way.__name__, rows, error)
+            assert np.abs(error).max() < 0.15, f"{way.__name__}, {rows}: {error}"
+
+
+def test_shared_light(device):
+    check_shared_light(device)
 
 
 def test_nested_solids(device):
@@ -76,8 +126,11 @@ def test_nested_solids(device):
     scene.add(shapes.box((-1, -1, -1), (1, 1, 1)), solid(INK))
     for z, expected in ((0, INK * COLOR), (1.5, INK**2 * COLOR**1.5), (3, INK**2 * COLOR**2)):
         camera = sv.Camera.look_at((0.1, 0.2, z), (0.1, 0.2, -9), vertical_fov=0.02, ev100=0)
-        for way in (traced, framed):
-            np.testing.assert_allclose(way(device, scene, camera), expected, rtol=0.02, err_msg=f"{way.__name__} {z}")
+        for way in (traced, framed, reused, split):
+            found = way(device, scene, camera) / expected
+            np.testing.assert_allclose(found.max() / found.min(), 1, rtol=0.005, err_msg=f"{way.__name__} {z}")
+            bar = 0.03 if way is split else 0.02  # the 8 bits of a G-buffer's glass, for all colors alike
+            np.testing.assert_allclose(found, 1, rtol=bar, err_msg=f"{way.__name__} {z}")
 
 
 def test_illuminance(device):
@@ -124,6 +177,18 @@ test_a_seeded_bug_is_noticed = bug_tests(
         "a camera in air": (
             lambda device: check_cameras(device, (traced,)),
             Bug(WALK, "find_medium", "return NO_MEDIUM;"),
+        ),
+        "reuse in air": (
+            lambda device: check_lamp(device, (reused,)),
+            Bug("passes/paths/vertex.glsl", "medium_towards", "return NO_MEDIUM;"),
+        ),
+        "lit through the water of another pixel": (
+            lambda device: check_shared_light(device, (split,)),
+            Bug(
+                "passes/solari019/restir_gi/reservoir.glsl",
+                "gi_radiance",
+                "return correct(surface, reservoir) / transmittance(camera_medium(), 0.5);",
+            ),
         ),
         "air around every solid": (
             test_nested_solids,

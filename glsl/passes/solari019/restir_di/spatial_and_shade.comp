@@ -4,14 +4,14 @@
 #version 460
 #include "common/pixel.glsl"
 #include "passes/bindings.glsl"
+#include "passes/camera_medium.glsl"
 #include "passes/gbuffer/gbuffer.glsl"
 #include "passes/ray_count.glsl"
 #include "passes/solari019/restir_di/bindings.glsl"
 #include "passes/solari019/restir_di/target.glsl"
 #include "passes/reuse.glsl"
 #include "scene/brdf.glsl"
-#include "scene/light_visibility.glsl"
-#include "scene/trace.glsl"
+#include "scene/walk.glsl"
 
 layout(local_size_x = 8, local_size_y = 8) in;
 
@@ -20,7 +20,7 @@ const uint PASS_SALT = 0xB5297A4Du;
 vec3 transmittance(GBufferSurface surface, ResolvedLightSample resolved) {
     count_ray();
     vec3 origin = surface.world_position + surface.geometric_world_normal * surface.ray_offset;
-    return trace_shadow_ray(origin, resolved);
+    return trace_shadow_ray(origin, camera_medium(), resolved);
 }
 
 // Returns the index of the neighbor, or NO_INDEX when no tried pixel is similar.

@@ -3,6 +3,7 @@
 #version 460
 #include "common/pixel.glsl"
 #include "passes/bindings.glsl"
+#include "passes/camera_medium.glsl"
 #include "passes/gbuffer/gbuffer.glsl"
 #include "passes/solari019/restir_gi/reservoir.glsl"
 #include "passes/world_cache/query.glsl"
@@ -18,7 +19,9 @@ GiReservoir generate_initial_reservoir(GBufferSurface surface, inout uint rng) {
     vec3 direction = orthonormalize(surface.world_normal) * sample_uniform_hemisphere(rand_vec2f(rng));
     if (!(dot(direction, surface.geometric_world_normal) > 0.0)) { return reservoir; }
     vec3 origin = surface.world_position + surface.ray_offset * surface.geometric_world_normal;
-    GatheredLight light = gather_light(start_walk(origin, direction), true, world_cache_settings.lifetime, rng);
+    Walk walk = start_walk(origin, direction);
+    walk.medium = camera_medium();
+    GatheredLight light = gather_light(walk, true, world_cache_settings.lifetime, rng);
     reservoir.sample_point_world_position = light.first_position;
     reservoir.sample_point_world_normal = light.first_normal;
     reservoir.radiance = gathered_radiance(light);

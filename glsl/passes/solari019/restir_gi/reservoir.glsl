@@ -7,6 +7,7 @@
 #include "common/math.glsl"
 #include "common/pixel.glsl"
 #include "passes/bindings.glsl"
+#include "passes/camera_medium.glsl"
 #include "passes/gbuffer/gbuffer.glsl"
 #include "passes/ray_count.glsl"
 #include "passes/solari019/restir_gi/bindings.glsl"
@@ -21,8 +22,11 @@ GiReservoir empty_gi_reservoir(float confidence_weight) {
 GiReservoir load_gi_reservoir(uvec2 pixel) { return gi_reservoirs.at[pixel_index(pixel, camera.size)]; }
 
 // The light of a reservoir's sample that reaches the pixel which shades with it.
-vec3 gi_radiance(GiReservoir reservoir) {
-    return SCENE_BLEND ? reservoir.radiance * unpack_rgb9e5(reservoir.transmittance) : reservoir.radiance;
+vec3 gi_radiance(GBufferSurface surface, GiReservoir reservoir) {
+    vec3 radiance = reservoir.radiance;
+    if (SCENE_BLEND) { radiance *= unpack_rgb9e5(reservoir.transmittance); }
+    float away = distance(surface.world_position, reservoir.sample_point_world_position);
+    return radiance * transmittance(camera_medium(), away);
 }
 
 // Whether the pixel needs no reservoir: its surface has no diffuse lobe, and is too smooth to reuse the reservoir for

@@ -17,7 +17,7 @@ vec3 shade_diffuse(GBufferSurface surface, GiReservoir reservoir) {
     mat3 frame = orthonormalize(surface.world_normal);
     vec3 wo = surface.wo * frame;
     vec3 wi = normalize(reservoir.sample_point_world_position - surface.world_position) * frame;
-    return gi_radiance(reservoir) * reservoir.unbiased_contribution_weight
+    return gi_radiance(surface, reservoir) * reservoir.unbiased_contribution_weight
         * evaluate_diffuse_brdf(prepare_brdf(surface.material, wo), wo, wi);
 }
 

@@ -76,7 +76,7 @@ vec3 trace_path(Walk walk, Cone cone, inout uint rng, out float first_t) {
         uint max_visited = specular_gi_settings.bounces + (frame_settings.world_cache != 0u ? MAX_CACHE_MISSES : 0u);
         if (mirrors > MAX_DELTA_BOUNCES) { return radiance; }
         if (!end.found && visited >= max_visited) {
-            end = WorldCacheResult(NO_INDEX, true, sample_irradiance(surface, rng));
+            end = WorldCacheResult(NO_INDEX, true, sample_irradiance(surface, walk.medium, rng));
         }
         mat3 frame = orthonormalize(surface.world_normal);
         vec3 wo = -walk.direction * frame;
@@ -131,7 +131,8 @@ vec3 shade_gi_sample(
     vec3 to_sample = reservoir.sample_point_world_position - surface.world_position;
     distance = length(to_sample);
     vec3 wi = to_sample / distance * frame;
-    return gi_radiance(reservoir) * reservoir.unbiased_contribution_weight * evaluate_specular_brdf(brdf, wo, wi);
+    return gi_radiance(surface, reservoir) * reservoir.unbiased_contribution_weight
+        * evaluate_specular_brdf(brdf, wo, wi);
 }
 
 void main() {

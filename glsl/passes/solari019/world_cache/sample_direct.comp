@@ -6,8 +6,7 @@
 #include "passes/ray_count.glsl"
 #include "passes/world_cache/division.glsl"
 #include "passes/world_cache/update.glsl"
-#include "scene/light_visibility.glsl"
-#include "scene/sampling.glsl"
+#include "scene/walk.glsl"
 
 layout(local_size_x = GROUP_SIZE) in;
 
@@ -34,7 +33,7 @@ vec3 sample_direct_irradiance(WorldCacheSurface surface, inout uint rng) {
     LightContribution light = calculate_resolved_light_contribution(light_sample, surface.world_position);
     vec3 origin = surface.world_position + surface.ray_offset * surface.geometric_world_normal;
     count_ray();
-    vec3 transmittance = trace_shadow_ray(origin, for_shadow_ray(light_sample, light.wi));
+    vec3 transmittance = trace_shadow_ray(origin, find_medium(origin), for_shadow_ray(light_sample, light.wi));
     float cosine = max(dot(light.wi, surface.geometric_world_normal), 0.0);
     float inverse_pdf = weight_sum / (float(world_cache_settings.candidates) * chosen_target);
     return light.radiance_in_area_measure * (cosine * inverse_pdf) * transmittance;

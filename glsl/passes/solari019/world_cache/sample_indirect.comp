@@ -17,6 +17,7 @@ void main() {
     vec3 origin = surface.world_position + surface.ray_offset * surface.geometric_world_normal;
     vec3 direction = orthonormalize(surface.geometric_world_normal) * sample_cosine_hemisphere(rand_vec2f(rng));
     Walk walk = start_walk(origin, direction);
+    walk.medium = find_medium(origin);
     walk.t_max = world_cache_settings.ray_length;
     walk.cone_width = world_cache_bounds.at[cell].w;  // textures are filtered over the width of the cell
     uint lifetime = world_cache_samples.at[thread].life & ~SEES_WALL;
