@@ -97,19 +97,19 @@ struct LightSource {
 struct LightLeaf {
     AliasTableRow by_power;  // the leaf's row of the alias table of all leaves
     uint light;              // into light_sources
-    uint node;               // the leaf in light_tree
+    uint node;               // the leaf in light_tree; NO_INDEX at infinity, or if it is the only leaf that isn't
     uint first_part;         // of the light's parts, of which the leaf has part_count
     uint part_count;
 };
 
-// A node of the trees over leaves: light_tree.py. Those of lights at infinity come last.
+// A node of the tree over the leaves that are not at infinity: light_tree.py.
 struct LightNode {
     vec3 center;
     vec3 half_size;  // of the bounds around the center
     float power;   // share of all lights in the tree
     uint child_count;
     uint first;    // child, which the others follow; without a child, the leaf's index in light_leaves
-    uint parent;   // of a root: itself
+    uint parent;   // of the root: itself
 };
 
 layout(set = 0, scalar) readonly buffer InstancesBlock { Instance at[]; } instances;
@@ -135,11 +135,7 @@ struct SceneInfo {
     uint leaf_count;
     uint part_count;               // of all light sources together
     uint first_leaf;               // into light_leaves
-    // Into light_tree: of lights that are not at infinity, and of those that are, with all portals as one; or NO_INDEX.
-    uint light_root;
-    uint infinity_root;
-    float infinity_power;          // of the lights at infinity, as if 1 m away, over that of all others
-    float infinity_share;          // of the lights at infinity in the number of lights that are lit
+    uint light_root;               // into light_tree
     // Indices into light_sources: portals, lights that rays pass, and lights at infinity come last, in this order.
     uint first_portal;
     uint first_pass_through_light;
@@ -147,6 +143,7 @@ struct SceneInfo {
     uint light_end;                // one more than the last light
     uint first_environment;        // where the light of the first record in `environments` is
     uint first_portal_record;      // into `portals`
+    float tree_probability;        // that a leaf of the tree is chosen by `by_power`
     vec3 origin;                   // from which coordinates count, in the scene's own: Scene.origin
     uint absent_features;          // WITHOUT_BLEND, WITHOUT_DISPERSION: features that only other worlds have
 };

@@ -102,6 +102,12 @@ ResolvedLightSample for_shadow_ray(ResolvedLightSample light_sample, vec3 wi) {
     return light_sample;
 }
 
+// The probability with which a receiver chooses a portal, over the portal's probability by power.
+float portal_choice_ratio(uint index, Receiver receiver) {
+    LightSource light = light_sources.at[portal_light(index)];
+    return leaf_choice_probability(light.first_leaf, receiver) / light_probability_by_power(light);
+}
+
 // Light samples of an environment come from several strategies: its map, and each portal. Its radiance is split among
 // them by the balance heuristic (scene/lights/portal.glsl), and each share is a MIS problem of its own: a ray that hits
 // the environment against light samples of that strategy, by the power heuristic. Returns the ray's weight for one
@@ -115,22 +121,20 @@ float strategy_weight(float strategy_pdf, float choice_ratio, float pdf_sum, flo
 
 // The radiance of an environment along a ray that leaves a receiver, with its MIS weight against samples of the map and
 // of portals. Pdfs are those at the receiver's position, as for light samples, not at the ray's origin off the surface.
-// `probability`: with which the receiver chooses the map.
 vec3 mis_weighted_environment(
-    LightSource light, LightHit light_hit, float probability, vec3 direction, float mis_pdf, Receiver receiver
+    LightSource light, LightHit light_hit, vec3 direction, float mis_pdf, Receiver receiver
 ) {
-    float by_power = light_probability_by_power(light), ratio = by_power > 0.0 ? probability / by_power : 1.0;
-    float map_pdf = by_power / light_hit.inverse_solid_angle_pdf;
+    if (!(light_hit.inverse_solid_angle_pdf > 0.0)) { return vec3(0.0); }
+    float map_pdf = light_probability_by_power(light) / light_hit.inverse_solid_angle_pdf;
     float pdf_sum = map_pdf, through_portals = 0.0;
     for (uint i = scene_info.first_portal_record; i < portal_end(); i++) {
         float portal_pdf = evaluate_portal_pdf(i, receiver.position, direction);
         if (!(portal_pdf > 0.0)) { continue; }
         pdf_sum += portal_pdf;
         // with 1 for pdf_sum, which is known after the loop
-        float portal_ratio = choice_ratio(light_sources.at[portal_light(i)], receiver);
-        through_portals += strategy_weight(portal_pdf, portal_ratio, 1.0, mis_pdf);
+        through_portals += strategy_weight(portal_pdf, portal_choice_ratio(i, receiver), 1.0, mis_pdf);
     }
-    float weight = strategy_weight(map_pdf, ratio, pdf_sum, mis_pdf);
+    float weight = strategy_weight(map_pdf, 1.0, pdf_sum, mis_pdf);
     return light_hit.radiance * (through_portals > 0.0 ? weight + through_portals / pdf_sum : weight);
 }
 
@@ -141,12 +145,10 @@ vec3 mis_weighted_radiance_at_infinity(vec3 direction, float mis_pdf, Receiver r
     for (uint i = scene_info.first_light_at_infinity; i < scene_info.light_end; i++) {
         LightSource light = light_sources.at[i];
         LightHit light_hit = evaluate_light(light.kind, light.record_index, direction);
-        if (!(light_hit.inverse_solid_angle_pdf > 0.0)) { continue; }
-        float probability = leaf_choice_probability(light.first_leaf, receiver);
         if (has_portals() && light.kind == LIGHT_ENVIRONMENT && mis_pdf != INFINITY) {
-            radiance += mis_weighted_environment(light, light_hit, probability, direction, mis_pdf, receiver);
+            radiance += mis_weighted_environment(light, light_hit, direction, mis_pdf, receiver);
         } else {
-            radiance += mis_weighted_radiance(light_hit, probability, mis_pdf);
+            radiance += mis_weighted_radiance(light_hit, light_probability_by_power(light), mis_pdf);
         }
     }
     return radiance;

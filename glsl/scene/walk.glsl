@@ -279,14 +279,6 @@ bool is_on_valid_side(float cos_theta, vec3 direction, vec3 geometric_normal, fl
         || (SCENE_TRANSMISSION && cos_theta < 0.0 && geometric < 0.0);
 }
 
-// A receiver whose tangent plane has all directions of is_on_valid_side above it; with a lift, those of coats too.
-Receiver make_receiver(
-    vec3 position, vec3 shading_normal, vec3 geometric_normal, float lift, bool transmits, bool takes_all
-) {
-    bool both_sides = transmits || (SCENE_LAYERS && lift > 0.0);
-    return make_receiver(position, lift > 0.0 ? shading_normal : geometric_normal, both_sides, takes_all);
-}
-
 // Leaves a surface in a sampled direction; the caller sets walk.origin. `frame` has the shading normal as its z axis,
 // `below` is the medium on the other side. Returns is_on_valid_side of the direction.
 bool scatter(inout Walk walk, BrdfSample next, mat3 frame, vec3 geometric_normal, float lift, Medium below) {
@@ -330,13 +322,15 @@ vec3 trace_shadow_ray(vec3 origin, Medium medium, ResolvedLightSample light_samp
     return visible * transmittance(medium, far ? INFINITY : distance(origin, light_sample.world_position));
 }
 
-// A sample of a leaf. `mis`: with its MIS weight against BRDF samples.
-NextEvent sample_leaf(
-    Walk walk, SurfaceInteraction surface, Brdf brdf, mat3 frame, vec3 wo, Medium below, ChosenLeaf chosen, bool mis,
+// One light sample, chosen for the receiver. `mis`: with its MIS weight against BRDF samples.
+NextEvent sample_light(
+    Walk walk, SurfaceInteraction surface, Brdf brdf, mat3 frame, vec3 wo, Medium below, Receiver receiver, bool mis,
     inout uint rng
 ) {
     NextEvent event;
     event.radiance = vec3(0.0);
+    if (scene_info.light_count == 0u) { return event; }
+    ChosenLeaf chosen = choose_leaf(receiver, rng);
     LightSample light_sample = sample_leaf(chosen.leaf, rng);
     ResolvedLightSample resolved = resolve_light_sample(light_sample, chosen.probability);
     LightContribution light = calculate_resolved_light_contribution(resolved, surface.world_position);
@@ -350,63 +344,6 @@ NextEvent sample_leaf(
     if (mis) { value *= power_heuristic(light.solid_angle_pdf, brdf_pdf(brdf, wo, wi)); }
     event.radiance = walk.throughput * value;
     return event;
-}
-
-// One of several light samples, by weighted reservoir sampling. The weight is the square root of what a sample sends
-// without occlusion, since the strongest may be occluded; in proportion to that it would be resampled importance
-// sampling (Talbot et al., "Importance Resampling for Global Illumination", 2005).
-struct LightPick {
-    NextEvent event;
-    float weight;      // of the event
-    float weight_sum;
-    float sent;        // luminance of all samples together
-};
-
-LightPick no_pick() {
-    LightPick pick;
-    pick.event.radiance = vec3(0.0);
-    pick.weight = pick.weight_sum = pick.sent = 0.0;
-    return pick;
-}
-
-void add_to_pick(inout LightPick pick, NextEvent next, inout uint rng) {
-    float sent = luminance(next.radiance), weight = sqrt(sent);
-    if (!(sent > 0.0)) { return; }
-    pick.sent += sent;
-    if (choose_weighted(pick.weight_sum, weight, rng)) {
-        pick.event = next;
-        pick.weight = weight;
-    }
-}
-
-// A light sample for the receiver. Where it takes all lights, one of them is traced; a light at infinity with the
-// probability that choose_leaf has for what is sent.
-NextEvent sample_light(
-    Walk walk, SurfaceInteraction surface, Brdf brdf, mat3 frame, vec3 wo, Medium below, Receiver receiver, bool mis,
-    inout uint rng
-) {
-    LightPick near = no_pick(), far = near;
-    uint count = receiver.takes_all ? scene_info.leaf_count : min(scene_info.light_count, 1u);
-    for (uint i = 0u; i < count; i++) {
-        ChosenLeaf chosen = ChosenLeaf(scene_info.first_leaf + i, 1.0);
-        if (!receiver.takes_all) { chosen = choose_leaf(receiver, rng); }
-        NextEvent next = sample_leaf(walk, surface, brdf, frame, wo, below, chosen, mis, rng);
-        if (count == 1u) { return next; }
-        if (is_at_infinity(next.light_sample.kind)) {
-            add_to_pick(far, next, rng);
-        } else {
-            add_to_pick(near, next, rng);
-        }
-    }
-    float far_probability = infinity_probability(near.sent, far.sent);
-    LightPick pick = near;
-    float probability = 1.0 - far_probability;
-    if (rand_f(rng) < far_probability) {
-        pick = far;
-        probability = far_probability;
-    }
-    if (pick.weight > 0.0) { pick.event.radiance *= pick.weight_sum / (pick.weight * probability); }
-    return pick.event;
 }
 
 #endif

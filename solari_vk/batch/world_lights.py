@@ -146,7 +146,7 @@ class WorldLights:
         leaves = tiled(lights.leaves.table.records[: lights.leaves.count])
         leaves["by_power"]["alias"] += first["light_leaves"]
         leaves["light"] += first["light_sources"]
-        leaves["node"] += first["light_tree"]
+        leaves["node"] += np.where(leaves["node"] == NO_INDEX, 0, first["light_tree"]).astype(np.uint32)
         put("light_leaves", leaves)
 
         # A node without children is a leaf, whose first index is that of a row of `light_leaves`.
@@ -162,8 +162,7 @@ class WorldLights:
         info["first_environment"] += first["light_sources"] - first["environments"]
         info["first_portal_record"] = first["portals"]
         info["first_leaf"] = first["light_leaves"]
-        for name in ("light_root", "infinity_root"):
-            info[name] += np.where(info[name] == NO_INDEX, 0, first["light_tree"]).astype(np.uint32)
+        info["light_root"] = first["light_tree"]
         put("scene_infos", info)
 
 
@@ -300,7 +299,7 @@ class WorldLightLists:
             binder.add_feature(light)
             made.set_light(light, True)
         made.update(records.traced.lit_area)
-        binder.add_feature(made.leaves.forest)
+        binder.add_feature(made.leaves.light_tree)
         # Lights keep their numbers when a list is made anew, by which frames find them again.
         listed: list[Instance | Light] = [emitter.instance for emitter in emitters]
         for of_kind in made.lights_by_kind.values():

@@ -129,7 +129,7 @@ class SceneRecords:
         self._records_change = False
         self._update_instances()
         self.lights.update(self.traced.lit_area)
-        self._assets.features.add_of(self.lights.leaves.forest)
+        self._assets.features.add_of(self.lights.leaves.light_tree)
 
     def write_for_worlds(self) -> None:
         """Bring the records into the form that worlds of several scenes copy: in spatial order, and with the features

@@ -8,8 +8,6 @@ import pytest
 import solari_vk as sv
 from solari_vk.bound.constants import NO_INDEX
 from solari_vk.bound.lights import light_tree
-from solari_vk.bound.lights.light_kinds import KIND_INDEX
-from solari_vk.bound.lights.light_leaves import PORTAL_SHARE
 from solari_vk.bound.table import Table
 from solari_vk.scene import shapes
 from solari_vk.scene.builtin import lamp, matte
@@ -133,18 +131,16 @@ def test_the_tree_follows_the_lights_alone(bound, monkeypatch):
         binder.update()
         lights, finite = binder.lights, len(binder.scene.instances) - 1
         leaves = lights.leaves.table.records[: finite + 1]
-        info, nodes = lights.info.records[0], lights.leaves.tree.records[: lights.leaves.node_count]
-        assert (info["light_root"], info["infinity_root"], leaves["node"][finite]) == (0, *[len(nodes) - 1] * 2)
-        np.testing.assert_allclose(nodes["center"][-1], (0, 1, 0))
+        assert (leaves["node"] == NO_INDEX).tolist() == [False] * finite + [True]
         half = np.array([[1, 0, 2]]) * ([[1]] * finite)
         bounds = np.stack([lights.positions[:finite] - half, lights.positions[:finite] + half], axis=1)
-        check_tree(nodes, leaves["node"], bounds, lights.powers[:finite])
-        assert info["infinity_power"] == pytest.approx(4 * np.pi * sun.illuminance / lights.powers[:finite].sum())
-        assert info["infinity_share"] == pytest.approx(1 / (finite + 1))
-        assert info["part_count"] == 2 * finite + 1
+        check_tree(lights.leaves.tree.records, leaves["node"], bounds, lights.powers[:finite])
+        total = leaves["by_power"]["probability"][:finite].sum(dtype=np.float64)
+        assert lights.info.records[0]["tree_probability"] == pytest.approx(total)
+        assert lights.info.records[0]["part_count"] == 2 * finite + 1
         return len(builds)
 
-    assert built() == 2, "one for each of two trees"
+    assert built() == 1
     other.transform = (0, 5, 0)
     assert built() == 0
     assert "light_tree" not in uploaded
@@ -160,36 +156,3 @@ def test_the_tree_follows_the_lights_alone(bound, monkeypatch):
         edit(lamps[0])
         assert built() == 1
     assert built() == 0
-
-
-def test_trees_of_lights_nearby_at_infinity_and_behind_portals(bound):
-    """All portals are one light at infinity, which takes PORTAL_SHARE of the environment's choices."""
-    sky = sv.Environment(np.full((4, 8, 3), 2.0))
-    portals = [sv.Portal((x, 0, 0), (0.5, 0, 0), (0, 1.0, 0)) for x in range(3)]
-    binder = bound(sv.PointLight((0, 0, 0)), sky, sv.DirectionalLight((0, -1, 0), illuminance=2 * np.pi), *portals)
-    binder.update()
-    lights = binder.lights
-    nodes, info = lights.leaves.tree.records[: lights.leaves.node_count], lights.info.records[0]
-    kinds = lights.sources.records["kind"][:6]
-    rows = {name: np.flatnonzero(kinds == KIND_INDEX[name]) for name in ("portal", "environment", "directional")}
-    leaf_nodes = lights.leaves.table.records["node"]
-    assert nodes["first"][leaf_nodes[:6]].tolist() == list(range(6))
-    behind = nodes[leaf_nodes[rows["portal"]]]["parent"]
-    assert len(set(behind.tolist())) == 1
-    root = nodes[behind[0]]
-    portal_light = nodes[root["parent"]]
-    assert behind[0] < info["infinity_root"] <= root["parent"], "nodes at infinity come last"
-    assert portal_light["parent"] == info["infinity_root"]
-    assert nodes["first"][root["parent"]] == behind[0]
-    of_sky, of_sun = (nodes[leaf_nodes[rows[name][0]]] for name in ("environment", "directional"))
-    assert of_sky["power"] == portal_light["power"] == pytest.approx(PORTAL_SHARE * (1 - of_sun["power"]))
-    assert portal_light["half_size"].tolist() == of_sky["half_size"].tolist() == [1, 1, 1]
-    assert info["infinity_share"] == pytest.approx(2 / 3)
-    portals[0].update(center=(0, 3, 0))
-    binder.update()
-    assert lights.leaves.tree.records["center"][leaf_nodes[rows["portal"][0]]].tolist() == [0, 3, 0]
-    for light in (*portals, sky, *list(binder.scene.lights)):
-        if light in binder.scene.lights:
-            binder.scene.remove(light)
-    binder.update()
-    assert (info["light_root"], info["infinity_root"]) == (NO_INDEX, NO_INDEX)

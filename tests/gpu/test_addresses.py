@@ -48,10 +48,10 @@ REALTIME = 155_000, 34_000, 45
 # Instructions of modules for scenes with any features. One place for each lobe, light sample and ray counts most: the
 # last two find the solid in which paths start by a ray of its own.
 WITH_FEATURES = {
-    "passes/paths/first_ray.comp": 140_000,
-    "passes/paths/later_rays.comp": 117_000,
+    "passes/paths/first_ray.comp": 138_000,
+    "passes/paths/later_rays.comp": 116_000,
     "passes/world_cache/sample.comp": 119_000,
-    "passes/reference/trace.comp": 32_000,
+    "passes/reference/trace.comp": 31_000,
 }
 
 

@@ -42,17 +42,14 @@ uvec4 hit_light_point(inout Path path) {
         if (SCENE_PORTAL && light.kind == LIGHT_ENVIRONMENT) {
             pdf_sum += sum_portal_pdfs(path.vertex.position, path.walk.direction, NO_INDEX);
         }
-        float weight = emitted_luminance * strategy_weight(
-            map_pdf, choice_ratio(light, path.receiver), pdf_sum, path.walk.mis_pdf
-        );
+        float weight = emitted_luminance * strategy_weight(map_pdf, 1.0, pdf_sum, path.walk.mis_pdf);
         if (choose_weighted(sum, weight, path.rng)) { point = pack_light_point(i, light_hit.part, light_hit.u); }
         uint end = SCENE_PORTAL && light.kind == LIGHT_ENVIRONMENT ? portal_end() : 0u;
         for (uint j = scene_info.first_portal_record; j < end; j++) {
             float portal_pdf = evaluate_portal_pdf(j, path.vertex.position, path.walk.direction);
             if (!(portal_pdf > 0.0)) { continue; }
             weight = emitted_luminance * strategy_weight(
-                portal_pdf, choice_ratio(light_sources.at[portal_light(j)], path.receiver), pdf_sum,
-                path.walk.mis_pdf
+                portal_pdf, portal_choice_ratio(j, receiver(path.vertex)), pdf_sum, path.walk.mis_pdf
             );
             if (choose_weighted(sum, weight, path.rng)) {
                 vec2 u = invert_portal_sample(j, path.vertex.position, path.walk.direction);

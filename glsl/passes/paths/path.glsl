@@ -21,7 +21,6 @@ layout(constant_id = paths_reuse_id) const bool paths_reuse = false;
 
 struct Path {
     Vertex vertex;                // the current one, from which the next ray leaves
-    Receiver receiver;            // of the light samples that compete in MIS with the last ray
     Walk walk;                    // along the last ray; its throughput is without `first_weight`
     Hit hit;                      // of the last ray
     bool specular_only;           // the next direction is of the specular lobe: the world cache gave the diffuse light
@@ -139,7 +138,6 @@ void make_path_vertex(inout Path path, inout SurfaceInteraction surface) {
         surface.world_normal, -path.walk.direction
     );
     path.vertex.brdf = prepare_brdf(surface.material, path.vertex.wo);
-    path.vertex.transmits = transmits(surface.material);
     path.vertex.above = path.walk.medium;
     path.vertex.below = below;
 }
@@ -178,7 +176,6 @@ bool trace_next_ray(inout Path path) {
     if (path.specular_only) { path.vertex.brdf = without_diffuse_lobe(path.vertex.brdf); }
     path.specular_only = false;
     Brdf brdf = path.vertex.brdf;
-    path.receiver = make_receiver(path.vertex);
     bool first = path.bounce == 0u;
     uint candidates = path.candidates;
     if (!first) {
@@ -191,9 +188,7 @@ bool trace_next_ray(inout Path path) {
     RisLightSample ris_sample;
     ris_sample.contribution = ZERO_LOBES;
     if (rand_f(path.rng) < probability) {
-        ris_sample = sample_light_by_ris(
-            path.vertex, path.receiver, candidates, expected_candidates, path.rng
-        );
+        ris_sample = sample_light_by_ris(path.vertex, candidates, expected_candidates, path.rng);
         ris_sample.contribution = scale(ris_sample.contribution, path.walk.throughput / probability);
     }
 
@@ -240,7 +235,7 @@ bool trace_next_ray(inout Path path) {
     }
     if (!goes_on) { return false; }
 
-    Segment segment = trace_segment(path.walk, path.receiver, path.rng);
+    Segment segment = trace_segment(path.walk, receiver(path.vertex), path.rng);
     count_rays(segment.rays);
     path.hit = segment.hit;
     if (first) {
@@ -255,7 +250,7 @@ bool trace_next_ray(inout Path path) {
         }
     }
     vec3 emitted = vec3(0.0);
-    bool hits = accumulate_segment(path.walk, segment, path.receiver, emitted);
+    bool hits = accumulate_segment(path.walk, segment, receiver(path.vertex), emitted);
     add_light(path, emitted, path.diffuse_at_x2);
     if (!hits) { return false; }
     path.footprint += sqrt(path.sum_of_inverse_pdfs) * path.hit.t;
@@ -272,7 +267,7 @@ bool arrive(inout Path path, bool resumed) {
     if (resumed) {
         path.walk.throughput = throughput;  // which has these factors already
     } else {
-        float light_pdf = hit_light_pdf(path.receiver, path.hit, surface, path.walk.direction);
+        float light_pdf = hit_light_pdf(receiver(path.vertex), path.hit, surface, path.walk.direction);
         add_light(path, emitted_light(path.walk, surface, light_pdf), path.diffuse_at_x2);
     }
     make_path_vertex(path, surface);

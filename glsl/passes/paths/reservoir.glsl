@@ -61,7 +61,6 @@ Vertex make_vertex(GBufferSurface surface) {
         surface.world_normal, surface.wo
     );
     vertex.brdf = prepare_brdf(surface.material, vertex.wo);
-    vertex.transmits = transmits(surface.material);
     vertex.above = camera_medium();
     vertex.below = medium_below(surface.instance, surface.material, vertex.above);
     return vertex;

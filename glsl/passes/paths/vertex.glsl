@@ -16,7 +16,6 @@ struct Vertex {
     mat3 frame;             // its z axis is the shading normal; v * frame is v in the frame
     vec3 wo;                // in that frame
     Brdf brdf;
-    bool transmits;         // light may come from below the surface too
     Medium above, below;    // on the side from which the vertex is seen, and on the other one
 };
 
@@ -32,7 +31,6 @@ Vertex make_vertex(
     vertex.origin = position + ray_offset * geometric_normal;
     vertex.frame = orthonormalize(shading_normal);
     vertex.wo = wo * vertex.frame;
-    vertex.transmits = false;
     vertex.above = vertex.below = NO_MEDIUM;
     return vertex;
 }
@@ -95,11 +93,7 @@ struct RisLightSample {
     PerLobe contribution;  // what the vertex reflects if nothing is in between; 0: no shadow ray is needed
 };
 
-Receiver make_receiver(Vertex vertex) {
-    return make_receiver(
-        vertex.position, vertex.frame[2], vertex.geometric_normal, vertex.lift, vertex.transmits, false
-    );
-}
+Receiver receiver(Vertex vertex) { return Receiver(vertex.position, vertex.frame[2]); }
 
 // Weighted reservoir sampling of light samples. The weight is the luminance of the contribution.
 struct RisReservoir {
@@ -127,15 +121,13 @@ bool misses_all_portals(ResolvedLightSample light_sample, vec3 receiver, vec3 di
 // target function is the unoccluded luminance that the vertex reflects. In a room, samples that miss all portals are
 // occluded, but whether the vertex is in a room isn't known. So these samples have a reservoir of their own, which is
 // chosen with a probability of at most 1/2 if the other has a sample: the loss is at most half of the samples.
-RisLightSample sample_light_by_ris(
-    Vertex vertex, Receiver receiver, uint candidates, float expected_candidates, inout uint rng
-) {
+RisLightSample sample_light_by_ris(Vertex vertex, uint candidates, float expected_candidates, inout uint rng) {
     RisReservoir reservoir, portal_misses;
     reservoir.kept.contribution = ZERO_LOBES;
     reservoir.kept_weight = reservoir.weight_sum = 0.0;
     portal_misses = reservoir;
     for (uint i = 0u; i < candidates; i++) {
-        ChosenLeaf chosen = choose_leaf(receiver, rng);
+        ChosenLeaf chosen = choose_leaf(receiver(vertex), rng);
         LightSample light_sample = sample_leaf(chosen.leaf, rng);
         ResolvedLightSample resolved = resolve_light_sample(light_sample, chosen.probability);
         LightContribution light = calculate_resolved_light_contribution(resolved, vertex.position);

@@ -49,7 +49,6 @@ bool start_path(uvec2 pixel, inout Path path, inout Vertex vertex, inout uint rn
     vertex.surface.world_position = lifted_position;
     vertex.surface.world_normal = vertex.surface.geometric_world_normal = vertex.frame[2];
     vertex.surface.ray_offset = vertex.surface.lift = 0.0;
-    vertex.transmits = false;
     vertex.brdf = lambert_brdf(vec3(1.0));
     vertex.wo = vec3(0.0, 0.0, 1.0);
     vertex.below = NO_MEDIUM;

@@ -22,7 +22,6 @@ struct Vertex {
     mat3 frame;    // with the shading normal as its z axis
     vec3 wo;       // in the frame
     Medium below;  // on the other side
-    bool transmits;  // light may come from there
 };
 
 // Starts a path of a pixel: either sets its walk, to trace the first ray, and returns false, or also sets a vertex from
@@ -34,18 +33,6 @@ vec3 start_position(uvec2 pixel);
 
 // The samples that a pixel takes in this dispatch: from index x to y - 1.
 uvec2 sample_range(uvec2 pixel);
-
-const uint MOST_TAKEN_TOGETHER = 4u;  // leaves of the lights that a light sample looks at
-
-// The receiver of a surface that samples each light once where they are few, and each time traces one of the samples.
-// Portals are chosen, since samples of the environment that miss them would be taken for the strongest.
-Receiver make_receiver(Vertex vertex) {
-    bool few = scene_info.leaf_count <= MOST_TAKEN_TOGETHER && !has_portals();
-    return make_receiver(
-        vertex.surface.world_position, vertex.frame[2], vertex.surface.geometric_world_normal, vertex.surface.lift,
-        vertex.transmits, few
-    );
-}
 
 // Walk.mis_pdf for the setting light_strategy: INFINITY gives light samples no weight, 0 gives them all the weight.
 float mis_pdf(float pdf) {
@@ -72,7 +59,6 @@ bool reach_vertex(inout Path path, inout Vertex vertex, inout uint rng) {
     vertex.wo = -path.walk.direction * vertex.frame;
     disperse(path.walk, segment.hit.instance, surface.material, rng);
     vertex.brdf = prepare_brdf(surface.material, vertex.wo);
-    vertex.transmits = transmits(surface.material);
     vertex.below = medium_below(segment.hit.instance, surface.material, path.walk.medium);
     return true;
 }
@@ -84,7 +70,7 @@ const float SURVIVAL_PER_THROUGHPUT = 3.0;
 // Adds a light sample at a surface, and samples the direction in which the walk leaves it. Returns whether it goes on.
 bool leave_vertex(inout Path path, Vertex vertex, inout uint rng) {
     SurfaceInteraction surface = vertex.surface;
-    path.receiver = make_receiver(vertex);
+    path.receiver = Receiver(surface.world_position, surface.world_normal);
     uint light_rng = split_rng(rng);  // light samples take any count of random numbers; later dimensions stay the same
     NextEvent event;
     event.radiance = vec3(0.0);

@@ -60,7 +60,7 @@ vec3 surface_albedo(ResolvedMaterial material, vec3 wo) {
 // An estimate of the direct irradiance at a hit, from one light sample and a shadow ray in a medium.
 vec3 sample_irradiance(SurfaceInteraction hit, Medium medium, inout uint rng) {
     if (scene_info.light_count == 0u) { return vec3(0.0); }
-    ChosenLeaf chosen = choose_leaf(make_receiver(hit.world_position, hit.geometric_world_normal, false, false), rng);
+    ChosenLeaf chosen = choose_leaf(Receiver(hit.world_position, hit.geometric_world_normal), rng);
     ResolvedLightSample light_sample = resolve_light_sample(sample_leaf(chosen.leaf, rng), chosen.probability);
     LightContribution light = calculate_resolved_light_contribution(light_sample, hit.world_position);
     float cosine = dot(light.wi, hit.geometric_world_normal);

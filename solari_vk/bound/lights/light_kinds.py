@@ -68,8 +68,7 @@ class LightKind:
     scene. power: luminous flux in lumens, roughly, of a light and a number: of an emissive surface its area in square
     meters, of a portal the flux of environments in lux, for all other kinds the scene's cross-section in square meters.
     position: a point (3,) in meters that moves when the light does, None for instances, whose geometry says it. bounds:
-    the box around the light, min and max (2, 3) in meters, or at infinity around unit vectors to the light; None for
-    instances, and for lights that come from everywhere.
+    the box around the light, min and max (2, 3) in meters; None for instances and lights at infinity.
     """
 
     name: str
@@ -178,8 +177,6 @@ LIGHT_KINDS = (
         buffer="directional_lights",
         record=_directional_record,
         position=lambda light: -SHADOW_DISTANCE * light.direction,
-        # No point of the disk is farther from its center than the chord of half of its angle.
-        bounds=lambda light: -light.direction + 2 * math.sin(light.angular_diameter / 4) * np.array([[-1.0], [1.0]]),
     ),
     LightKind(
         "environment",

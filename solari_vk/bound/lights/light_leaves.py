@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from solari_vk.bound.constants import NO_INDEX
 from solari_vk.bound.lights.alias_table import alias_table
 from solari_vk.bound.lights.clusters import Clusters
 from solari_vk.bound.lights.light_kinds import KIND_INDEX
-from solari_vk.bound.lights.light_tree import BEHIND_PORTALS, FAR, NEAR, LightForest
+from solari_vk.bound.lights.light_tree import LightTree
 from solari_vk.bound.table import MakeTable
 
 Floats = NDArray[np.float64]
@@ -24,7 +25,7 @@ PORTAL_SHARE = 0.5
 
 
 class LightLeaves:
-    """The tables `light_leaves`, in the order of the lights, and `light_tree` over them."""
+    """The tables `light_leaves`, in the order of the lights, and `light_tree` over those that are not at infinity."""
 
     def __init__(self, table: MakeTable, block_dtypes: dict[str, Any]) -> None:
         self.table = table("light_leaves", block_dtypes["light_leaves"])
@@ -33,7 +34,7 @@ class LightLeaves:
         """Each light's first leaf (N,)."""
         self.count = 0
         self.node_count = 0
-        self.forest = LightForest(block_dtypes["light_tree"])
+        self.light_tree = LightTree(block_dtypes["light_tree"])
         self._lights: NDArray[np.int64] = np.zeros(0, np.int64)  # of each leaf
         self._shares: Floats = np.zeros(0)  # of each leaf in its light
         self._bounds: Floats = np.zeros((0, 2, 3))
@@ -73,61 +74,36 @@ class LightLeaves:
         records["by_power"] = alias_table(weights[self._lights] * self._shares, records["by_power"].dtype)
         self.table.mark(range(self.count))
 
-    def follow(self, ids: NDArray[np.uint32], bounds: Floats, powers: TreePowers, boxes: dict[int, Floats]) -> None:
-        """Have the trees follow the lights (N,).
+    def follow(self, ids: NDArray[np.uint32], bounds: Floats, powers: Floats, boxes: dict[int, Floats]) -> float:
+        """Have the tree follow the lights (F,) that are not at infinity; returns how often it chooses.
 
-        ids, bounds: as those of `LightForest`. boxes: those of the clusters of lights that have moved.
+        ids, bounds, powers: as those of `LightTree`. boxes: those of the clusters of lights that have moved.
         """
-        lights = self._lights
-        self._bounds[self._whole] = bounds[lights[self._whole]]
+        # The leaves of lights at infinity are the last ones, and not in the tree.
+        count = int(self.firsts[len(ids)]) if len(ids) < len(self.firsts) else self.count
+        lights = self._lights[:count]
+        whole = self._whole[: np.searchsorted(self._whole, count)]
+        self._bounds[whole] = bounds[self._lights[whole]]
         for light, of_clusters in boxes.items():
             self._bounds[self.leaves(light)] = of_clusters
-        before = self.forest.leaves
-        of_leaves = powers.of_lights[lights] * self._shares
-        changed = self.forest.update(
-            ids[lights], self._bounds, of_leaves, powers.groups[lights], powers.through_portals
-        )
-        self.node_count = len(self.forest.nodes)
+        before = self.light_tree.leaves
+        changed = self.light_tree.update(ids[lights], self._bounds[:count], powers[lights] * self._shares[:count])
+        self.node_count = len(self.light_tree.nodes)
         self.tree.reserve(self.node_count)
-        self.tree.records[changed] = self.forest.nodes[changed]
+        self.tree.records[changed] = self.light_tree.nodes[changed]
         self.tree.mark(changed.tolist())
+        in_tree = count if self.light_tree.has_choice else 0
+        records = self.table.records[: self.count]
+        records["node"] = NO_INDEX
+        records["node"][:in_tree] = self.light_tree.leaves[:in_tree]
         # A refitted tree has the same leaves, and of its nodes only those that changed are uploaded.
-        if self.forest.leaves is not before:
-            self.table.records["node"][: self.count] = self.forest.leaves
+        if self.light_tree.leaves is not before:
             self.table.mark(range(self.count))
-
-
-class TreePowers(NamedTuple):
-    """The powers of a scene's lights (N,) as its trees compare them, and what chooses between the trees."""
-
-    of_lights: Floats
-    groups: NDArray[np.uint8]
-    """The tree of each."""
-    through_portals: float
-    infinity_power: float
-    infinity_share: float
-
-    @staticmethod
-    def of(near: Floats, illuminances: Floats, kinds: NDArray[np.uint32]) -> TreePowers:
-        """near: the powers of lights that are not at infinity, in lumens; illuminances: of the others, in lux. kinds:
-        of all, in this order."""
-        powers = np.concatenate([near, illuminances])
-        portals = kinds == KIND_INDEX["portal"]
-        groups = np.where(portals, BEHIND_PORTALS, np.where(np.arange(len(kinds)) < len(near), NEAR, FAR))
-        total_near = powers[groups == NEAR].sum()
-        lit = int(np.count_nonzero(powers[~portals]))
-        # Walls may hide the strongest of the lights at infinity: half of the choices take all equally often.
-        beyond = groups != NEAR
-        weights = np.zeros(len(powers))
-        weights[beyond] = choice_weights_by_kind(powers[beyond], kinds[beyond])
-        return TreePowers(
-            np.where(groups == FAR, weights, powers),
-            groups.astype(np.uint8),
-            float(weights[portals].sum()),
-            # A lamp of 4 pi lm gives 1 lux at a distance of 1 m.
-            min(4 * np.pi * illuminances.sum() / max(total_near, 1e-30), 1e30),
-            int(np.count_nonzero(illuminances)) / max(lit, 1),
-        )
+        if 0 < in_tree == self.count:
+            return 1.0
+        chosen = float(records["by_power"]["probability"][:in_tree].sum(dtype=np.float64))
+        # At most the float32 below 1, so that the lights at infinity are chosen too.
+        return min(chosen, 1.0 - 2.0**-24)
 
 
 def choice_weights(powers: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -17,8 +17,7 @@ from solari_vk.bound.lights.clusters import ClusterBoxes
 from solari_vk.bound.lights.emissive_meshes import ONE_PART, Emission
 from solari_vk.bound.lights.light_data import LightData, SharedBuffers, data_of
 from solari_vk.bound.lights.light_kinds import AT_INFINITY, BEYOND, KIND_INDEX, PASSED, PLACES, LightKind, kind_of
-from solari_vk.bound.lights.light_leaves import LightLeaves, TreePowers, choice_weights_by_kind
-from solari_vk.bound.lights.light_tree import EVERYWHERE, FAR, NEAR
+from solari_vk.bound.lights.light_leaves import LightLeaves, choice_weights_by_kind
 from solari_vk.bound.lights.portal_maps import PortalMaps
 from solari_vk.bound.table import HostTable, MakeTable, Table
 from solari_vk.gpu.device.device import Device
@@ -283,26 +282,19 @@ class LightList:
         self.leaves.choose(choice_weights_by_kind(self.powers, kinds))
 
     def _update_tree(self, emissive_boxes: NDArray[np.float64], analytic_lights: list[tuple[LightKind, Light]]) -> None:
-        """Update the trees over all lights."""
+        """Update the tree over all lights but those at infinity."""
         info = self.info.records[0]
         finite = int(info["first_light_at_infinity"])
-        of_analytic = [self._box_of(kind, light) for kind, light in analytic_lights]
+        of_analytic = [kind.bounds(light) - self._origin for kind, light in analytic_lights if kind.bounds]
         # A box as its center and half its size becomes one as its min and max.
         emissive = emissive_boxes[:, :1] + emissive_boxes[:, 1:] * ((-1.0,), (1.0,))
         bounds = np.concatenate([emissive, np.reshape(of_analytic, (-1, 2, 3))])
-        self.centers = bounds[:finite].mean(axis=1)
+        self.centers = bounds.mean(axis=1)
         moved = {self._index[instance]: boxes - self._origin for instance, boxes in self._clusters.pop_moved()}
-        # Of lights at infinity the illuminance: what a surface gets of them is known without the scene's size.
-        illuminances = [kind.power(light, 1.0) for kind, light in analytic_lights if kind.met_by_rays == AT_INFINITY]
-        kinds = self.sources.records["kind"][: len(self.powers)]
-        powers = TreePowers.of(self.powers[:finite], np.array(illuminances), kinds)
-        self.leaves.follow(self.ids, bounds, powers, moved)
+        chance = self.leaves.follow(self.ids[:finite], bounds, self.powers[:finite], moved)
         part_counts = self.sources.records["part_count"][: len(self.powers)]
         info["part_count"] = min(int(part_counts.sum(dtype=np.int64)), NO_INDEX)
-        info["light_root"] = self.leaves.forest.roots[NEAR]
-        info["infinity_root"] = self.leaves.forest.roots[FAR]
-        info["infinity_power"] = powers.infinity_power
-        info["infinity_share"] = powers.infinity_share
+        info["tree_probability"] = chance
         info["leaf_count"] = self.leaves.count
         self.info.mark([0])
 
@@ -310,11 +302,6 @@ class LightList:
         assert kind.position is not None
         # Points of lights at infinity are directions.
         return kind.position(light) - self._origin if kind.places else kind.position(light)
-
-    def _box_of(self, kind: LightKind, light: Light) -> NDArray[np.float64]:
-        if kind.bounds is None:
-            return EVERYWHERE
-        return kind.bounds(light) - self._origin if kind.places else kind.bounds(light)
 
     # ---- records ------------------------------------------------------------------------------------
 

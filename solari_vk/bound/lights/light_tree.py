@@ -1,4 +1,4 @@
-"""Trees over the lights of a scene, by which a surface chooses those that light it most.
+"""A tree over the lights that are not at infinity, by which a surface chooses those that light it most.
 
 What it calls a light may be a cluster of triangles of an emissive mesh. The triangles of a cluster are chosen by the
 light that they send out, not by how near they are to the surface.
@@ -14,8 +14,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from solari_vk.bound.constants import NO_INDEX
-
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]
 # Times that the lights of a node are halved, so that it has up to 8 children. A choice among several at once is better
@@ -23,10 +21,6 @@ Indices = NDArray[np.int64]
 HALVINGS = 3
 # A tree is built anew when lights have moved so far that the sum of its nodes' sizes has grown by this factor.
 MAX_GROWTH = 1.5
-# In which tree a light is: of those nearby, or at infinity, where all portals, which have a tree of their own, are one.
-# The nodes at infinity are the last ones of the table, by which shaders know them.
-NEAR, BEHIND_PORTALS, FAR = range(3)
-EVERYWHERE = np.array([[-1.0] * 3, [1.0] * 3])  # the bounds of all directions
 
 
 class LightTree:
@@ -40,6 +34,11 @@ class LightTree:
         self._ids: NDArray[np.uint32] = np.zeros(0, np.uint32)
         self._new_size = 0.0  # the sum of the nodes' sizes when the tree was built
 
+    @property
+    def has_choice(self) -> bool:
+        """Whether there is more than one leaf."""
+        return len(self.leaves) > 1
+
     def update(self, ids: NDArray[np.uint32], bounds: Floats, powers: Floats) -> NDArray[np.uint32]:
         """Follow lights (N,) that move or change their power; returns the indices of all nodes that have changed.
 
@@ -48,7 +47,7 @@ class LightTree:
         """
         if np.array_equal(ids, self._ids):
             leaves = self.nodes[self.leaves]
-            leaves["center"], leaves["half_size"] = _box(bounds[:, 0], bounds[:, 1])
+            _set_bounds(leaves, bounds[:, 0], bounds[:, 1])
             leaves["power"] = _shares(powers)
             changed = self.leaves[leaves != self.nodes[self.leaves]]
             self.nodes[self.leaves] = leaves
@@ -64,68 +63,6 @@ class LightTree:
         return float(self.nodes["half_size"].sum(dtype=np.float64))
 
 
-class LightForest:
-    """The trees of a scene's lights in one table. record: the shaders' struct LightNode."""
-
-    def __init__(self, record: np.dtype[Any]) -> None:
-        self.nodes: NDArray[Any] = np.zeros(0, record)
-        """Tree by tree, in the order of NEAR, BEHIND_PORTALS and FAR."""
-        self.leaves: NDArray[np.uint32] = np.zeros(0, np.uint32)
-        """Each light's leaf (N,). Trees that are built anew have a new array."""
-        self.roots = [NO_INDEX] * 3
-        """Of each tree, NO_INDEX for one without lights."""
-        self._trees = [LightTree(record) for _ in (NEAR, BEHIND_PORTALS, FAR)]
-        self._groups: NDArray[np.uint8] = np.zeros(0, np.uint8)
-
-    @property
-    def has_choice(self) -> bool:
-        """Whether there is more than one leaf."""
-        return len(self.leaves) > 1
-
-    def update(
-        self, ids: NDArray[np.uint32], bounds: Floats, powers: Floats, groups: NDArray[np.uint8], through_portals: float
-    ) -> NDArray[np.uint32]:
-        """Follow lights (N,), as `LightTree.update` does. groups: the tree of each. bounds: of those at infinity,
-        around directions to them. powers: comparable within a tree. through_portals: of all portals, at infinity.
-        """
-        rows = [np.flatnonzero(groups == group) for group in (NEAR, BEHIND_PORTALS, FAR)]
-        before = [tree.leaves for tree in self._trees]
-        given = [(ids[own], bounds[own], powers[own]) for own in rows]
-        if len(rows[BEHIND_PORTALS]):
-            additions = np.zeros(1, np.uint32), EVERYWHERE[None], np.array([through_portals])
-            given[FAR] = tuple(map(np.append, given[FAR], additions, (0, 0, 0)))  # type: ignore[arg-type,assignment]
-        changed = [tree.update(*of_tree) for tree, of_tree in zip(self._trees, given, strict=True)]
-        starts = np.cumsum([0, *(len(tree.nodes) for tree in self._trees)])
-        built = any(tree.leaves is not leaves for tree, leaves in zip(self._trees, before, strict=True))
-        if built or not np.array_equal(groups, self._groups):
-            self._groups = groups
-            self._join(rows, starts)
-            return np.arange(len(self.nodes), dtype=np.uint32)
-        for tree, own, start in zip(self._trees, changed, starts[:-1], strict=True):
-            for field in ("center", "half_size", "power"):
-                self.nodes[field][start + own] = tree.nodes[field][own]
-        return np.concatenate([own + np.uint32(start) for own, start in zip(changed, starts[:-1], strict=True)])
-
-    def _join(self, rows: list[Indices], starts: Indices) -> None:
-        self.nodes = np.concatenate([tree.nodes for tree in self._trees])
-        self.leaves = np.zeros(sum(map(len, rows)), np.uint32)
-        self.roots = [
-            int(start) if len(tree.nodes) else NO_INDEX for tree, start in zip(self._trees, starts, strict=False)
-        ]
-        for tree, own, start in zip(self._trees, rows, starts[:-1], strict=True):
-            nodes = self.nodes[start : start + len(tree.nodes)]
-            nodes["first"] += np.uint32(start)
-            nodes["parent"] += np.uint32(start)
-            leaves = tree.leaves[: len(own)]
-            nodes["first"][leaves] = own
-            self.leaves[own] = leaves + np.uint32(start)
-        if len(rows[BEHIND_PORTALS]):
-            portals = starts[FAR] + self._trees[FAR].leaves[-1]
-            self.nodes["child_count"][portals] = 1
-            self.nodes["first"][portals] = self.roots[BEHIND_PORTALS]
-            self.nodes["parent"][self.roots[BEHIND_PORTALS]] = portals
-
-
 def _refit(nodes: NDArray[Any], changed: NDArray[np.uint32]) -> NDArray[np.uint32]:
     """Compute all nodes above changed ones from their children, and return the indices of both."""
     found = [changed]
@@ -134,29 +71,21 @@ def _refit(nodes: NDArray[Any], changed: NDArray[np.uint32]) -> NDArray[np.uint3
         changed = np.unique(nodes["parent"][changed[changed > 0]])
         if not len(changed):
             return np.unique(np.concatenate(found))
-        nodes[changed] = _joined(nodes, changed)
+        # Nodes with fewer children than others repeat their first one, which changes no bounds.
+        present = np.arange(2**HALVINGS) < nodes["child_count"][changed, None]
+        children = nodes[nodes["first"][changed, None] + np.arange(2**HALVINGS) * present]
+        low = children["center"] - children["half_size"]
+        high = children["center"] + children["half_size"]
+        above = nodes[changed]
+        _set_bounds(above, low.min(axis=1), high.max(axis=1))
+        above["power"] = (children["power"] * present).sum(axis=1)
+        nodes[changed] = above
         found.append(changed)
 
 
-def _joined(nodes: NDArray[Any], parents: NDArray[Any]) -> NDArray[Any]:
-    """The records of these nodes (N,), computed from their children."""
-    # Nodes with fewer children than others repeat their first one, which changes no bounds.
-    present = np.arange(2**HALVINGS) < nodes["child_count"][parents, None]
-    children = nodes[nodes["first"][parents, None] + np.arange(2**HALVINGS) * present]
-    center = children["center"].astype(np.float64)
-    joined: NDArray[Any] = nodes[parents]
-    low, high = (center - children["half_size"]).min(axis=1), (center + children["half_size"]).max(axis=1)
-    joined["center"], joined["half_size"] = _box(low, high)
-    joined["power"] = (children["power"] * present).sum(axis=1)
-    return joined
-
-
-def _box(low: Floats, high: Floats) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Centers and half sizes that hold all of these bounds, since no light is sent below what they hold."""
-    center = ((low + high) / 2).astype(np.float32)
-    exact = np.maximum(high - center, center - low)
-    half_size = exact.astype(np.float32)
-    return center, np.where(half_size < exact, np.nextafter(half_size, np.float32(np.inf)), half_size)
+def _set_bounds(nodes: NDArray[Any], low: NDArray[Any], high: NDArray[Any]) -> None:
+    nodes["center"] = (low + high) / 2
+    nodes["half_size"] = (high - low) / 2
 
 
 def _shares(powers: Floats) -> Floats:
@@ -185,7 +114,8 @@ def light_tree(bounds: Floats, powers: Floats, record: np.dtype[Any]) -> tuple[N
     while len(order):
         low = np.minimum.reduceat(bounds[order, 0], starts)
         high = np.maximum.reduceat(bounds[order, 1], starts)
-        nodes["center"][level], nodes["half_size"][level] = _box(low, high)
+        nodes["center"][level] = (low + high) / 2
+        nodes["half_size"][level] = (high - low) / 2
         nodes["power"][level] = np.add.reduceat(shares[order], starts)
         counts = np.diff(starts, append=len(order))
         # A node with a single light is a leaf.
@@ -209,9 +139,6 @@ def light_tree(bounds: Floats, powers: Floats, record: np.dtype[Any]) -> tuple[N
         nodes["first"][parents] = level[np.cumsum(children) - children]
         nodes["child_count"][parents] = children
         nodes["parent"][level] = np.repeat(parents, children)
-    # The choice between trees takes the same root of a new tree as of one that followed its lights.
-    if count > 1:
-        nodes[:1] = _joined(nodes, np.zeros(1, np.int64))
     return nodes[:end], leaves
 
 

@@ -361,10 +361,7 @@ test_a_seeded_bug_is_noticed = bug_tests(
             _exact,
             Bug(WINDOWS, "evaluate_portal_pdf", "return 0.5 * correct(index, origin, direction);"),
         ),
-        "rays count as if no portal were sampled": (
-            _exact,
-            Bug("scene/lights/tree.glsl", "choice_ratio", "return 1e-6;"),
-        ),
+        "rays count as if no portal were sampled": (_exact, Bug(SAMPLING, "portal_choice_ratio", "return 1e-6;")),
         "less light through portals": (_floor, _DARKER),
         "rooms": (measure_room, _DARKER),
         "paths": (measure_room_paths, _BRIGHTER),

@@ -86,10 +86,7 @@ vec3 trace_path(Walk walk, Cone cone, inout uint rng, out float first_t) {
 
         Brdf brdf = prepare_brdf(surface.material, wo);
         Medium below = medium_below(segment.hit.instance, surface.material, walk.medium);
-        receiver = make_receiver(
-            surface.world_position, surface.world_normal, surface.geometric_world_normal, surface.lift,
-            transmits(surface.material), false
-        );
+        receiver = Receiver(surface.world_position, surface.world_normal);
         NextEvent event;
         event.radiance = vec3(0.0);
         if (!is_delta(brdf)) {

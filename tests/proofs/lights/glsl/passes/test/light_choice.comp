@@ -22,8 +22,7 @@ void main() {
     uint rng = seed_rng(uvec2(i, 3u), 0u, 11u);
     vec3 position = vec3(0.0, -1.0, 0.0) - vec3(0.1, 2.0, 0.1) * rand_f(rng);
     bool by_power = i < drawn.at.length() / 2;
-    Receiver receiver = NO_RECEIVER;
-    if (!by_power) { receiver = make_receiver(position, vec3(0.0, 1.0, 0.0), false, false); }
+    Receiver receiver = by_power ? NO_RECEIVER : Receiver(position, vec3(0.0, 1.0, 0.0));
     LightSample light_sample;
     ResolvedLightSample resolved;
     if (by_power) {

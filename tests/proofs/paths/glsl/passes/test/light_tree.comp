@@ -16,20 +16,15 @@ layout(set = 1, scalar) writeonly buffer DrawnBlock { RisLightSample at[]; } dra
 // Of each leaf, receiver by receiver.
 layout(set = 1, scalar) writeonly buffer ProbabilitiesBlock { float at[]; } probabilities;
 
-Receiver receiver_at(uint index) {
-    Receiver given = receivers.at[index];
-    return make_receiver(given.position, given.normal, given.transmits, false);
-}
-
 void main() {
     uint i = gl_GlobalInvocationID.x;
     if (i < drawn.at.length()) {
         uint rng = seed_rng(uvec2(i, 5u), 0u, 17u);
-        ChosenLeaf chosen = choose_leaf(receiver_at(i / (drawn.at.length() / receivers.at.length())), rng);
+        ChosenLeaf chosen = choose_leaf(receivers.at[i / (drawn.at.length() / receivers.at.length())], rng);
         drawn.at[i] = RisLightSample(chosen.leaf, chosen.probability);
     }
     if (i < probabilities.at.length()) {
         uint leaf_count = scene_info.leaf_count;
-        probabilities.at[i] = leaf_choice_probability(i % leaf_count, receiver_at(i / leaf_count));
+        probabilities.at[i] = leaf_choice_probability(i % leaf_count, receivers.at[i / leaf_count]);
     }
 }
