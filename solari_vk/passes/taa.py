@@ -46,7 +46,7 @@ def stage(size: Size, rendered: Size, grid: Size = (1, 1)) -> Stage:
             "taa_confidence": cells,
         },
         passes=[
-            Pass("taa/change", threads=(columns, rows)),
+            Pass("taa/change", threads=(columns * CELL_SIZE, rows * CELL_SIZE)),
             Pass("taa/confidence", threads=(columns, rows)),
             Pass("taa/resolve", threads=size),
         ],

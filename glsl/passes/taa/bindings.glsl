@@ -20,6 +20,15 @@ struct SampleChange {
     vec3 sum_of_sizes;    // of the differences
     vec3 sum_of_shares;   // the squared differences over the larger samples
 };
+
+void add_change(inout SampleChange sum, SampleChange other) {
+    sum.difference_sum += other.difference_sum;
+    sum.sum_of_squares += other.sum_of_squares;
+    sum.sum_of_max += other.sum_of_max;
+    sum.sum_of_sizes += other.sum_of_sizes;
+    sum.sum_of_shares += other.sum_of_shares;
+}
+
 layout(set = 1, scalar) buffer TaaChangesBlock { SampleChange at[]; } taa_changes;
 // For each cell the share of the history around it that is still true: passes/taa/confidence.comp.
 layout(set = 1, scalar) buffer TaaConfidenceBlock { float at[]; } taa_confidence;

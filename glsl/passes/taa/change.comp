@@ -6,7 +6,9 @@
 #include "generated/passes/taa.glsl"  // CELL_SIZE
 #include "passes/taa/history.glsl"
 
-layout(local_size_x = 8, local_size_y = 8) in;
+layout(local_size_x = 8, local_size_y = 8) in;  // pixels of whole cells
+
+shared SampleChange changes[gl_WorkGroupSize.x * gl_WorkGroupSize.y];
 
 const uint TO_NEAREST = 0x20080200u;  // one half for each channel, in place of random numbers
 
@@ -20,28 +22,38 @@ ivec2 find_previous(ivec2 pixel) {
     return near && same ? before : ivec2(-1);
 }
 
+// Keeps a pixel's sample for the next frame, and returns its difference.
+SampleChange find_change(ivec2 pixel) {
+    SampleChange change = SampleChange(vec3(0.0), vec3(0.0), vec3(0.0), vec3(0.0), vec3(0.0));
+    vec3 now = load_sample(pixel);
+    taa_samples.at[element_index(pixel, camera.size)] = pack_color(now, TO_NEAREST);
+    if (this_frame.has_history == 0u || !is_finite_color(now)) { return change; }
+    ivec2 previous = find_previous(pixel);
+    if (previous.x < 0) { return change; }
+    vec3 before = unpack_color(previous_taa_samples.at[element_index(previous, camera.size)]);
+    vec3 difference = now - before, larger = max(now, before);
+    change.difference_sum = difference;
+    change.sum_of_squares = difference * difference;
+    change.sum_of_max = larger;
+    change.sum_of_sizes = abs(difference);
+    change.sum_of_shares = difference * difference / max(larger, MIN_CHANNEL * max_component(larger) + 1e-30);
+    return change;
+}
+
 void main() {
-    uvec2 cell = gl_GlobalInvocationID.xy, cells = (camera.size + CELL_SIZE - 1u) / CELL_SIZE;
-    uint cell_index;
-    if (taa_settings.antialiasing == 0u || !find_element(cell, cells, cell_index)) { return; }
-    uvec2 begin = cell * CELL_SIZE, end = min(begin + CELL_SIZE, camera.size);
-    SampleChange sum = SampleChange(vec3(0.0), vec3(0.0), vec3(0.0), vec3(0.0), vec3(0.0));
-    for (uint y = begin.y; y < end.y; y++) {
-        for (uint x = begin.x; x < end.x; x++) {
-            ivec2 pixel = ivec2(x, y);
-            vec3 now = load_sample(pixel);
-            taa_samples.at[element_index(pixel, camera.size)] = pack_color(now, TO_NEAREST);
-            if (this_frame.has_history == 0u || !is_finite_color(now)) { continue; }
-            ivec2 previous = find_previous(pixel);
-            if (previous.x < 0) { continue; }
-            vec3 before = unpack_color(previous_taa_samples.at[element_index(previous, camera.size)]);
-            vec3 difference = now - before, larger = max(now, before);
-            sum.difference_sum += difference;
-            sum.sum_of_squares += difference * difference;
-            sum.sum_of_max += larger;
-            sum.sum_of_sizes += abs(difference);
-            sum.sum_of_shares += difference * difference / max(larger, MIN_CHANNEL * max_component(larger) + 1e-30);
-        }
+    uvec2 cell = gl_GlobalInvocationID.xy / CELL_SIZE, within = gl_GlobalInvocationID.xy % CELL_SIZE;
+    uvec2 cells = (camera.size + CELL_SIZE - 1u) / CELL_SIZE;
+    uint cell_index, own = gl_LocalInvocationIndex;
+    bool is_cell = taa_settings.antialiasing != 0u && find_element(cell, cells, cell_index);
+    uvec2 pixel = cell * CELL_SIZE + within;
+    changes[own] = SampleChange(vec3(0.0), vec3(0.0), vec3(0.0), vec3(0.0), vec3(0.0));
+    if (is_cell && is_inside(pixel, camera.size)) { changes[own] = find_change(ivec2(pixel)); }
+    memoryBarrierShared();
+    barrier();
+    if (!is_cell || within != uvec2(0u)) { return; }
+    SampleChange sum = changes[own];
+    for (uint i = 1u; i < CELL_SIZE * CELL_SIZE; i++) {
+        add_change(sum, changes[own + i / CELL_SIZE * gl_WorkGroupSize.x + i % CELL_SIZE]);
     }
     taa_changes.at[cell_index] = sum;
 }

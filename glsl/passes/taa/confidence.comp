@@ -11,14 +11,6 @@
 
 layout(local_size_x = 8, local_size_y = 8) in;
 
-void add_change(inout SampleChange sum, SampleChange other) {
-    sum.difference_sum += other.difference_sum;
-    sum.sum_of_squares += other.sum_of_squares;
-    sum.sum_of_max += other.sum_of_max;
-    sum.sum_of_sizes += other.sum_of_sizes;
-    sum.sum_of_shares += other.sum_of_shares;
-}
-
 // The share of their light by which the samples that differ have changed: 0 for what noise explains, and where it is
 // too small a part of all light around. Samples that don't differ don't count, or they would keep the others' past.
 float changed_share(SampleChange sum) {
