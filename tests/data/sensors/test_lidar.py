@@ -232,7 +232,7 @@ test_a_seeded_bug_is_noticed = bug_tests(
             Bug(
                 "passes/ray_tracer/backscatter.glsl",
                 "find_echo",
-                "Echo echo = correct(hit, direction); echo.backscatter = vec3(0.4 / PI); return echo;",
+                "Echo echo = correct(hit, origin, way); echo.backscatter = vec3(0.4 / PI); return echo;",
             ),
         ),
         "panes that keep all light": (
@@ -240,7 +240,7 @@ test_a_seeded_bug_is_noticed = bug_tests(
             Bug(
                 "passes/ray_tracer/backscatter.glsl",
                 "find_echo",
-                "Echo echo = correct(hit, direction); echo.passed = vec3(0.0); return echo;",
+                "Echo echo = correct(hit, origin, way); echo.passed = vec3(0.0); return echo;",
             ),
         ),
     }

@@ -135,7 +135,7 @@ test_a_seeded_bug_is_noticed = bug_tests(
             Bug(
                 "passes/ray_tracer/backscatter.glsl",
                 "find_echo",
-                "Echo echo = correct(hit, direction); echo.backscatter = vec3(0.5 / PI); return echo;",
+                "Echo echo = correct(hit, origin, way); echo.backscatter = vec3(0.5 / PI); return echo;",
             ),
         )
     }
