@@ -103,7 +103,9 @@ def text_lines(data: bytes, who: str) -> Iterator[tuple[int, str]]:
 
 def followed(path: Path) -> Path:
     """The path to write where the user named `path`: what its links lead to. Raises SolariError for a link of another
-    user in a folder to which others can write."""
+    user in a folder to which others can write, and for one to a name with another ending, by which writers choose the
+    format."""
+    named = path
     try:
         for _ in range(_MAX_LINKS):
             if not path.is_symlink():
@@ -116,6 +118,10 @@ def followed(path: Path) -> Path:
             path = target
     except (OSError, ValueError):
         pass  # There is no such file yet, or no file can have this name, which the writer says.
+    if path.suffix.lower() != named.suffix.lower():
+        raise SolariError(
+            f"{named}: is a link to {path}, whose name ends otherwise: name that file itself, or remove it"
+        )
     return path
 
 

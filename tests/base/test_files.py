@@ -238,3 +238,12 @@ def test_a_new_cache_is_its_user_s_alone(tmp_path, monkeypatch):
     os.rename(tmp_path / "a/b/c/entry", tmp_path / "moved")
     (tmp_path / "a/b/c/entry").symlink_to(tmp_path / "moved")
     assert disk_cache.load("c/entry") is None
+
+
+def test_a_link_to_another_ending_is_refused(tmp_path):
+    """Writers choose the format by the ending."""
+    (tmp_path / "store").write_text("kept")
+    (tmp_path / "picture.jpg").symlink_to("store")
+    with pytest.raises(SolariError, match="ends otherwise"):
+        sv.save_image(tmp_path / "picture.jpg", np.zeros((2, 2, 3), np.uint8))
+    assert (tmp_path / "store").read_text() == "kept"
