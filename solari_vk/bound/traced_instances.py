@@ -12,6 +12,7 @@ from solari_vk.bound.spatial_order import spatial_order
 from solari_vk.bound.table import MakeTable
 from solari_vk.gpu.acceleration.tlas import INSTANCE_DTYPE, Tlas, TlasBuild, TlasCopy
 from solari_vk.gpu.device import raw
+from solari_vk.gpu.device.buffer import Buffer
 from solari_vk.gpu.device.device import Device
 
 # The bits of custom_index_and_mask above the index. HIDDEN isn't 0, because Mesa 26.2 loses other instances where a
@@ -136,6 +137,7 @@ class SceneTlas:
         self._traced = traced
         self._rebuild = True
         self._build: TlasBuild | None = None
+        self._built_for: tuple[Tlas, Buffer, int] | None = None  # what `_build` writes and reads
         self._copy: TlasCopy | None = None
         self._previous_differs = False
 
@@ -200,11 +202,14 @@ class SceneTlas:
         self._copy.submit()
 
     def _submit_build(self) -> None:
-        # A build is prepared once, and submitted again as long as it reads and writes the same memory.
-        needed = self.current, self._traced.table.buffer.address, self._traced.count
-        if self._build is None or self._build.made_for != needed:
+        # A build is prepared once, and submitted again as long as it reads and writes the same memory. A buffer may have
+        # the address of one that is gone.
+        buffer = self._traced.table.buffer
+        needed = self.current, buffer, self._traced.count
+        if self._build is None or self._built_for != needed:
             old = self._build
-            self._build = TlasBuild(*needed)
+            self._build = TlasBuild(self.current, buffer.address, self._traced.count)
+            self._built_for = needed
             if old is not None:
                 old.destroy()
         self._build.submit()

@@ -112,7 +112,7 @@ def test_names_that_the_package_chose_lead_nowhere(tmp_path):
 
 @pytest.mark.skipif(os.geteuid() != 0, reason="only root may give files away")
 def test_links_of_other_users_lead_nowhere(tmp_path):
-    victim, link = tmp_path / "victim", tmp_path / "picture.png"
+    victim, link = tmp_path / "victim.png", tmp_path / "picture.png"
     victim.write_text("precious")
     link.symlink_to(victim)
     os.lchown(link, STRANGER, STRANGER)
