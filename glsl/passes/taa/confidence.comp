@@ -33,8 +33,8 @@ void main() {
     uvec2 found = gl_GlobalInvocationID.xy, cells = (camera.size + CELL_SIZE - 1u) / CELL_SIZE;
     uint index;
     if (taa_settings.antialiasing == 0u || !find_element(found, cells, index)) { return; }
-    // The samples of a fine regular pattern, such as stripes, differ together from frame to frame as their places do, so
-    // that a still picture never has the means of its pixels if they count.
+    // The samples of a fine regular pattern, such as stripes, differ together from frame to frame as their places do:
+    // a still picture would never have the means of its pixels if they counted.
     if (this_frame.expected_change == 0.0) {
         taa_confidence.at[index] = 1.0;
         return;
