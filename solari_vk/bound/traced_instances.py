@@ -202,8 +202,8 @@ class SceneTlas:
         self._copy.submit()
 
     def _submit_build(self) -> None:
-        # A build is prepared once, and submitted again as long as it reads and writes the same memory. A buffer may have
-        # the address of one that is gone.
+        # A build is prepared once, and submitted again as long as it reads and writes the same memory. A buffer may
+        # have the address of one that is gone.
         buffer = self._traced.table.buffer
         needed = self.current, buffer, self._traced.count
         if self._build is None or self._built_for != needed:

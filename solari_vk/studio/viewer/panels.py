@@ -145,7 +145,7 @@ class Panels:
 
     def _cache_use(self) -> list[str]:
         pictures = self._session.pictures
-        if pictures.realtime is None or pictures.mode == "reference":
+        if pictures.realtime is None or not pictures.realtime.has_frame or pictures.mode == "reference":
             return []
         cells = int(pictures.realtime["world_cache/active_cells"])
         failures = int(pictures.realtime["world_cache/insert_failures"])

@@ -57,7 +57,7 @@ def radiance_at(pictures: Pictures, x: float, y: float) -> NDArray[np.float32] |
         assert pictures.reference is not None
         return pictures.reference.probe(x, y)
     assert pictures.realtime is not None
-    if pictures.realtime.frame_count == 0:
+    if not pictures.realtime.has_frame:
         return None
     radiance = pictures.realtime["raw_radiance" if seen == "raw" else "radiance"]
     found: NDArray[np.float32] = radiance[int(y * len(radiance)), int(x * len(radiance[0])), :3]

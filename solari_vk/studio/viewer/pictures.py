@@ -288,7 +288,7 @@ class Pictures:
     @property
     def ready(self) -> bool:
         """Whether there is a picture to show in this mode."""
-        has_realtime = self.realtime is not None and self.realtime.frame_count > 0
+        has_realtime = self.realtime is not None and self.realtime.has_frame
         has_reference = self.reference is not None and self.reference.mean_samples > 0
         if self.mode == "split":
             return has_realtime and has_reference
