@@ -1,7 +1,7 @@
 // Adds up for each cell how much this frame's samples differ from those of the previous frame that show the same
 // surfaces, or the background. In a cell's sum the differences by noise and by the samples' places cancel out; those of
 // light, colors and emission that change stay, and at silhouettes what doesn't change has no part in them.
-// A pixel's history can't tell, since it has both sides of an edge.
+// A pixel's history can't tell, since it has both sides of an edge. Only after edits of the scene: confidence.comp.
 #version 460
 #include "generated/passes/taa.glsl"  // CELL_SIZE
 #include "passes/taa/history.glsl"
@@ -27,7 +27,7 @@ SampleChange find_change(ivec2 pixel) {
     SampleChange change = SampleChange(vec3(0.0), vec3(0.0), vec3(0.0), vec3(0.0), vec3(0.0));
     vec3 now = load_sample(pixel);
     taa_samples.at[element_index(pixel, camera.size)] = pack_color(now, TO_NEAREST);
-    if (this_frame.has_history == 0u || !is_finite_color(now)) { return change; }
+    if (this_frame.has_history == 0u || this_frame.expected_change == 0.0 || !is_finite_color(now)) { return change; }
     ivec2 previous = find_previous(pixel);
     if (previous.x < 0) { return change; }
     vec3 before = unpack_color(previous_taa_samples.at[element_index(previous, camera.size)]);

@@ -22,8 +22,8 @@ const float LONGEST_IN_MOTION = 15.0;  // the same where resampling would blur a
 const float ALONG_LINES = 0.8, OVER_AREAS = 0.95;
 
 // Of a change of samples from frame to frame: standard deviations up to which it counts as noise, and from which as a
-// change; and the least share of the samples that it must be. The first of each pair of numbers is for changes that no
-// edit of the scene explains, such as moving shadows; the second where EXPECTED_CHANGE or more of the light changes.
+// change; and the least share of the samples that it must be. The first of each pair of numbers is for edits of the
+// scene that change hardly any of its light, the second for those that change EXPECTED_CHANGE of it or more.
 const vec2 NOISE_SIGMAS = vec2(3.5, 0.5), CHANGE_SIGMAS = vec2(6.0, 1.5);
 const float EXPECTED_CHANGE = 0.25;
 const float MIN_CHANGE = 0.15, MIN_EXPECTED_CHANGE = 0.03;

@@ -344,11 +344,11 @@ class LightList:
         table = self._records[kind]
         data = self.data.get(light)
         of_data = self._portal_maps.get(light) or (data.record if data else {})
-        record = table.records[index]
-        for field, value in (kind.record(light) | of_data).items():
-            record[field] = value
+        values: dict[str, Any] = {**kind.record(light), **of_data}
         for field in kind.places:
-            record[field] = kind.record(light)[field] - self._origin
+            values[field] = values[field] - self._origin
+        for field, value in values.items():
+            table.records[index][field] = value
         table.mark([index])
 
     def destroy(self) -> None:
