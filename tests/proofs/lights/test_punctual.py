@@ -63,7 +63,7 @@ def test_frames_have_the_path_tracers_light(device, lighting):
     bar, tile_bar = (0.07, 0.25) if lighting == SPLIT_LIGHTING else (0.03, 0.15)
     if lighting.get("denoise"):  # which blurs the edges of tiles
         tile_bar = None
-    require(measure_frames(device, box_with_lamps(), Effort(4, 24, 16), 512, bar, tile_bar, **lighting))
+    require(measure_frames(device, box_with_lamps(), Effort(12, 24, 16), 512, bar, tile_bar, **lighting))
 
 
 @pytest.mark.parametrize("lighting", [{}, pytest.param(SPLIT_LIGHTING, marks=pytest.mark.slow)], ids=["paths", "split"])
