@@ -61,12 +61,12 @@ def read_regular(path: Path, who: str, length: int | None = None, *, follow: boo
         size = os.fstat(file.fileno()).st_size
         size = size if length is None else min(size, length)
         charge(size, who, "the file")
-        content = file.read(size)
+        content = file.read(max(size, len(_LFS_POINTER)))  # a pointer is named as such whatever the length
     if content.startswith(_LFS_POINTER):
         raise SolariError(
             f"{who}: a pointer of Git LFS, which stands for the file: get the file itself by `git lfs pull`"
         )
-    return content
+    return content[:size]
 
 
 def read_json(path: Path, who: str) -> Any:

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from solari_vk.base.errors import warn
 from solari_vk.bound.constants import (
     MATERIAL_BLEND,
     MATERIAL_DOUBLE_SIDED,
@@ -162,6 +163,11 @@ class MaterialTable:
     def _write(self, material: Material, tensors: Mapping[str, DeviceTensor]) -> None:
         """Write a record but for the fields that are tensors."""
         self._features.add_of(material)
+        if material.unused_fields:
+            warn(
+                f"{material.describe()}: {', '.join(material.unused_fields)}: without effect, since light enters no "
+                "volume here: set solid=True and a transmission above 0 (in glTF thicknessFactor, transmissionFactor)"
+            )
         row = self.rows[material]
         record = self.table.records[row]
         for name in MATERIAL_NUMBERS:

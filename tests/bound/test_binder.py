@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import functools
 import re
+import warnings
 from collections import Counter
 
 import numpy as np
@@ -511,3 +512,17 @@ def test_an_edit_of_alpha_leaves_memory_shared(bound):
     assert geometry.blases[meshes[0]] is geometry.blases[meshes[1]] is not opaque
     binder.device.wait_idle()
     assert binder.device.objects_in_use == used
+
+
+def test_fields_of_solids_without_a_solid(bound, rng):
+    """A color that absorbs nothing is named, when its surface is shown and when an edit brings it; a solid's isn't."""
+    glass = {"transmission": 1.0, "attenuation_color": 0.5, "dispersion": 0.3}
+    plain = Material()
+    with warnings.catch_warnings(action="error"):
+        binder = bound(make_instance(rng, solid=True, **glass), Instance(make_mesh(rng), plain))
+        binder.update()
+    with pytest.warns(UserWarning, match="'pane': attenuation_color, dispersion: without effect.*solid=True"):
+        bound(make_instance(rng, name="pane", **glass)).update()
+    plain.attenuation_color = 0.5
+    with pytest.warns(UserWarning, match="attenuation_color: without effect"):
+        binder.update()

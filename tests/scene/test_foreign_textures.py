@@ -9,6 +9,7 @@ from support.files import image_file
 
 import solari_vk as sv
 from solari_vk.base.errors import SolariError
+from solari_vk.base.files import read_regular
 
 CODES = np.random.default_rng(1).integers(0, 256, (4, 6, 4), np.uint8)
 OBJ = "mtllib a.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 0 1\nusemtl leaf\nf 1/1 2/2 3/3\n"
@@ -63,6 +64,9 @@ def test_pointers_and_splats_are_named(tmp_path, writer):
         (tmp_path / name).write_bytes(pointer)
         with pytest.raises(SolariError, match=r"a pointer of Git LFS.*git lfs pull"):
             sv.TextureImage(tmp_path / name) if name == "a.png" else sv.load(tmp_path / name)
+    for length in (36, 10_000):  # of a buffer, which may be shorter or longer than the pointer
+        with pytest.raises(SolariError, match=r"a pointer of Git LFS"):
+            read_regular(tmp_path / "a.glb", "a.bin", length)
     for name in ("a.spz", "a.splat"):
         with pytest.raises(SolariError, match="compressed Gaussian splats is not read"):
             sv.load(tmp_path / name)

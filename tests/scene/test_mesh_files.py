@@ -229,6 +229,13 @@ def test_files_without_a_surface(tmp_path, name, content):
         sv.load(tmp_path / name)
 
 
+@pytest.mark.parametrize("face", ["1 2 0", "1/1 2/0 3/1", "1//0 2//0 3//0"])
+def test_indices_of_obj_begin_at_1(tmp_path, face):
+    (tmp_path / "a.obj").write_bytes(VERTICES + b"vt 0 0\nvn 0 0 1\nf " + face.encode() + b"\n")
+    with pytest.raises(SolariError, match=r"a\.obj: has a face with an index of 0.*begin at 1"):
+        sv.load(tmp_path / "a.obj")
+
+
 @pytest.mark.filterwarnings("error::RuntimeWarning")
 def test_damage_is_not_logged(tmp_path, capfd, caplog):
     """The library logs a traceback for a damaged normal, which isn't used, and numpy warns of NaN that signal."""

@@ -17,9 +17,9 @@ from solari_vk.output.picture import write_npy
 Floats = NDArray[np.float64]
 POINT = np.dtype(
     [
-        ("x", "<f4"),
-        ("y", "<f4"),
-        ("z", "<f4"),
+        ("x", "<f8"),  # places in the world, which may be far from the origin
+        ("y", "<f8"),
+        ("z", "<f8"),
         ("intensity", "<f4"),
         ("distance", "<f4"),
         ("time", "<f4"),
@@ -30,7 +30,7 @@ POINT = np.dtype(
     ]
 )
 # PLY's names of types (Turk, "The PLY Polygon File Format", 1994), by numpy's.
-PLY_TYPES = {"<f4": "float", "<u2": "ushort", "|u1": "uchar", "<i4": "int"}
+PLY_TYPES = {"<f8": "double", "<f4": "float", "<u2": "ushort", "|u1": "uchar", "<i4": "int"}
 
 
 @dataclass(frozen=True)

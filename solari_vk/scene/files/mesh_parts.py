@@ -21,6 +21,7 @@ from solari_vk.scene.model import Material
 
 _FACE = re.compile(rb"(?m)^f[ \t]+([^\n#]*)")
 _NO_TRIANGLE = re.compile(rb"(?m)^f(?:(?:[ \t]+\S+){4}|[^\n]*-|(?:[ \t]+\S+){0,2}[ \t]*$)")
+_INDEX_0 = re.compile(rb"(?m)^f[^\n]*[ \t/]0+(?![^\s/])")
 _VERTEX = re.compile(rb"(?m)^v[ \t]")
 _POSITION = re.compile(rb"(?m)^v[ \t]+(\S+[ \t]+\S+[ \t]+\S+)")
 _OTHER_NUMBERS = re.compile(rb"/\S*")
@@ -55,6 +56,10 @@ class MeshPart:
 
 def triangulated_obj(data: bytes, who: str) -> bytes:
     """An .obj file whose faces are triangles, which number vertices from the start of the file."""
+    if _INDEX_0.search(data):  # which trimesh would take for the last vertex
+        raise SolariError(
+            f"{who}: has a face with an index of 0, but indices of .obj files begin at 1: export it again"
+        )
     if not _NO_TRIANGLE.search(data):
         return data
     charge(0, who, "its polygons", working=_BYTES_PER_LINE * data.count(b"\n") + _BYTES_PER_WORD * data.count(b" "))

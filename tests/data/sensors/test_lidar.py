@@ -184,6 +184,7 @@ def test_files_of_points(device, tmp_path):
     found.save(tmp_path / "cloud.ply")
     cloud = trimesh.load(tmp_path / "cloud.ply")
     expected = np.stack([points["x"], points["y"], points["z"]], -1)
+    np.testing.assert_array_equal(expected, found.position[np.isfinite(found.distance)])  # far from the origin too
     np.testing.assert_allclose(cloud.vertices, expected)
     data = cloud.metadata["_ply_raw"]["vertex"]["data"]
     for name in ("intensity", "channel", "instance"):
