@@ -92,10 +92,16 @@ TrianglePoint resolve_triangle(Instance instance, Mesh mesh, uint triangle, vec2
 }
 
 // The point of a triangle at the end of a ray. The few bits of barycentrics are spread over the whole triangle, so that
-// on large ones the ray says better where along the plane the point is.
+// on large ones the ray says better where along the plane the point is. How long the ray is has a rounding error of the
+// triangle's extent too, within which the plane says it better.
 vec3 position_on_ray(vec3 position, vec3 geometric_normal, float extent, vec3 ray_origin, vec3 along) {
     vec3 end = ray_origin + along;
     if (!(max_component(abs(ray_origin) + abs(along)) < extent)) { return position; }
+    vec3 direction = normalize(along);
+    float cosine = dot(direction, geometric_normal);
+    float behind = dot(position - end, geometric_normal) * cosine / max(square(cosine), 1e-12);
+    float error = 8.0 * ROUNDING_UNIT * extent;
+    end += clamp(behind, -error, error) * direction;
     return end - geometric_normal * dot(end - position, geometric_normal);
 }
 

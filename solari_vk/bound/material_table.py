@@ -163,11 +163,7 @@ class MaterialTable:
     def _write(self, material: Material, tensors: Mapping[str, DeviceTensor]) -> None:
         """Write a record but for the fields that are tensors."""
         self._features.add_of(material)
-        if material.unused_fields:
-            warn(
-                f"{material.describe()}: {', '.join(material.unused_fields)}: without effect, since light enters no "
-                "volume here: set solid=True and a transmission above 0 (in glTF thicknessFactor, transmissionFactor)"
-            )
+        _warn_of_solid_fields(material)
         row = self.rows[material]
         record = self.table.records[row]
         for name in MATERIAL_NUMBERS:
@@ -204,6 +200,20 @@ class MaterialTable:
         self.table.destroy()
         for material in self.rows:
             material.unwatch(self._watcher)
+
+
+def _warn_of_solid_fields(material: Material) -> None:
+    """Warn of what only solids have, where the surface bounds none that light enters."""
+    used = {
+        "attenuation_color": material.bounds_solid or bool((material.attenuation_color == 1).all()),
+        "dispersion": material.disperses or material.dispersion == 0,
+    }
+    unused = [name for name, is_used in used.items() if not is_used]
+    if unused:
+        warn(
+            f"{material.describe()}: {', '.join(unused)}: without effect, since light enters no volume here: set "
+            "solid=True and a transmission above 0 (in glTF thicknessFactor, transmissionFactor)"
+        )
 
 
 def _flags_of(material: Material) -> int:

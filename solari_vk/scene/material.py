@@ -324,15 +324,6 @@ class Material(TensorFields):
         return self.solid and self.transmits
 
     @property
-    def unused_fields(self) -> list[str]:
-        """Those of a solid that mean nothing here, since the surface bounds none that light enters."""
-        used = {
-            "attenuation_color": self.bounds_solid or bool((self.attenuation_color == 1).all()),
-            "dispersion": self.disperses or self.dispersion == 0,
-        }
-        return [name for name, is_used in used.items() if not is_used]
-
-    @property
     def disperses(self) -> bool:
         """Whether the material is glass that bends the colors of light apart."""
         return self.dispersion > 0 and self.solid and self.transmission > 0

@@ -56,7 +56,9 @@ def find_echoes(
         # Backscatter is the BRDF towards the sensor times the cosine; pi makes a white Lambertian surface 1.
         strength = np.pi * energy[active] * echoes.backscatter[:, RED]
         sends = strength > 0
-        parts.append((active[sends], hits.t[sends].astype(np.float64), strength[sends], hits.instance[sends]))
+        # By the position, since drivers round `t` to what the whole triangle allows.
+        along = ((hits.position - origins[active]) * directions[active]).sum(axis=-1)
+        parts.append((active[sends], along[sends], strength[sends], hits.instance[sends]))
         # A surface that neither reflects nor absorbs doesn't count.
         left[active] -= sends | (echoes.passed[:, RED] < 1)
         # The echoes of farther surfaces pass this one a second time, so its transmission counts squared.
