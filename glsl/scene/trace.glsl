@@ -1,8 +1,8 @@
-// Tracing rays through the scene, the only file by which the renderer does it: by ray queries, or, in shaders that are
-// compiled as ray generation shaders (RAY_PIPELINES), by a ray pipeline with scene/trace.rchit, scene/trace.rmiss and,
-// in scenes with alpha, scene/trace.rahit. Passes that trace therefore use no shared memory and no barriers, and read
-// their invocation's index from INVOCATION_INDEX. They keep few values across a ray, since on a GPU each one costs
-// time.
+// Tracing rays through the scene, the only file by which the renderer does it: by ray queries; in shaders that are
+// compiled as ray generation shaders (RAY_PIPELINES) by a ray pipeline with scene/trace.rchit, scene/trace.rmiss and,
+// in scenes with alpha, scene/trace.rahit; or by scene/trace_compute.glsl (RAYS_BY_COMPUTE). Passes that trace
+// therefore use no shared memory and no barriers, and read their invocation's index from INVOCATION_INDEX. They keep
+// few values across a ray, since on a GPU each one costs time.
 #ifndef SCENE_TRACE_GLSL
 #define SCENE_TRACE_GLSL
 
@@ -11,7 +11,9 @@
 #define INVOCATION_INDEX (gl_LaunchIDEXT.xy)
 #define INVOCATION_LAYER gl_LaunchIDEXT.z
 #else
+#ifndef RAYS_BY_COMPUTE
 #extension GL_EXT_ray_query : require
+#endif
 #define INVOCATION_INDEX (gl_GlobalInvocationID.xy)
 #define INVOCATION_LAYER gl_GlobalInvocationID.z
 #endif
@@ -23,15 +25,21 @@
 #include "scene/camera_block.glsl"
 #include "scene/hit.glsl"
 
-// previous_tlas: the previous frame's, or `tlas`. With MANY_VIEWS they are the addresses of those of the world.
-#ifdef MANY_VIEWS
+// previous_tlas: the previous frame's, or `tlas`. With MANY_VIEWS they are the addresses of those of the world, and
+// with RAYS_BY_COMPUTE of trees.
+#if defined(MANY_VIEWS) || defined(RAYS_BY_COMPUTE)
 struct WorldStructures {
     uvec2 now;
     uvec2 previous;
 };
 layout(set = 0, scalar) readonly buffer WorldStructuresBlock { WorldStructures at[]; } world_structures;
-#define tlas world_structures.at[world_index].now
-#define previous_tlas world_structures.at[world_index].previous
+#ifdef MANY_VIEWS
+#define STRUCTURES_INDEX world_index
+#else
+#define STRUCTURES_INDEX 0
+#endif
+#define tlas world_structures.at[STRUCTURES_INDEX].now
+#define previous_tlas world_structures.at[STRUCTURES_INDEX].previous
 #define Structure uvec2
 #define structure_of accelerationStructureEXT
 #else
@@ -40,6 +48,18 @@ layout(set = 0) uniform accelerationStructureEXT previous_tlas;
 #define Structure accelerationStructureEXT
 #define structure_of
 #endif
+
+#ifdef RAYS_BY_COMPUTE
+
+const uint TRACE_BOTH_FACES = 0u;
+// Returns the first hit that is found, which need not be the closest.
+const uint TRACE_ANY_HIT = 1u;
+// Camera rays pass through the backs of single-sided materials, as raster does.
+const uint TRACE_FRONT_FACES = 2u;
+
+#include "scene/trace_compute.glsl"
+
+#else
 
 // In scenes with alpha, instances say whether rays ask the shader about their triangles.
 const uint TRACE_BOTH_FACES = SCENE_ALPHA ? gl_RayFlagsNoneEXT : gl_RayFlagsOpaqueEXT;
@@ -132,6 +152,7 @@ bool trace_transmittance_in(
     return rayQueryGetIntersectionTypeEXT(query, true) == gl_RayQueryCommittedIntersectionNoneEXT;
 }
 
+#endif
 #endif
 
 // ---- surfaces ---------------------------------------------------------------------------------------

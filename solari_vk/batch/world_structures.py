@@ -8,9 +8,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from solari_vk.gpu.acceleration.tlas import INSTANCE_DTYPE, Tlas, TlasBuilds
+from solari_vk.gpu.acceleration.tlas import INSTANCE_DTYPE
 from solari_vk.gpu.device.buffer import Buffer
 from solari_vk.gpu.device.device import Device
+from solari_vk.gpu.structures import SceneStructure, scene_builds, scene_structure
 
 
 class WorldStructures:
@@ -24,8 +25,8 @@ class WorldStructures:
         self._device = device
         self._count = count
         self._shown: list[int] = []  # what `addresses` holds
-        self._structures: Sequence[Tlas] = ()
-        self._builds: TlasBuilds | None = None
+        self._structures: Sequence[SceneStructure] = ()
+        self._builds: Any = None
         self._built: tuple[int, Sequence[int]] = (0, ())  # N and the worlds' counts that `_builds` has
 
     def set_addresses(self, addresses: list[int]) -> None:
@@ -55,21 +56,21 @@ class WorldStructures:
         if self._builds is not None:
             self._builds.destroy()
             self._builds = None
-        before: Sequence[Tlas | None] = self._structures or [None] * self._count
+        before: Sequence[SceneStructure | None] = self._structures or [None] * self._count
         with self._device.undone_on_error():
             after = [self._structure(*each) for each in zip(before, range(self._count), counts, strict=True)]
         for old, new in zip(before, after, strict=True):
             if old is not None and old is not new:
                 old.destroy()
         self._structures = after
-        self._builds = TlasBuilds(after, records.address, stride, counts)
+        self._builds = scene_builds(after, records.address, stride, counts)
 
-    def _structure(self, before: Tlas | None, world: int, count: int) -> Tlas:
+    def _structure(self, before: SceneStructure | None, world: int, count: int) -> SceneStructure:
         """The structure that a world has, or a new one where that is too small, or much too large."""
         # Room for twice as many instances, so that a world which loses and gains some keeps its structure.
         if before is not None and count <= before.max_instances <= 2 * count + 16:
             return before
-        return Tlas(self._device, count, name=f"world {world}")
+        return scene_structure(self._device, count, f"world {world}")
 
     def destroy(self) -> None:
         for owned in (self._builds, *self._structures, self.addresses, self.records):

@@ -150,8 +150,7 @@ class SceneBinder:
         unbound = (*self.assets.geometry.posed.tables, self.records.traced.table)
         found: dict[str, Any] = {table.name: table.buffer for table in self._tables if table not in unbound}
         if self.tlas is not None:
-            found["tlas"] = self.tlas.current
-            found["previous_tlas"] = self.tlas.previous or self.tlas.current
+            found |= self.tlas.resources
         return found | {"texture_images": self.assets.textures.bound}
 
     @property

@@ -20,11 +20,11 @@ from solari_vk.bound.posed_mesh import PosedMesh
 from solari_vk.bound.scene_poses import ScenePoses
 from solari_vk.bound.spatial_order import spatial_order
 from solari_vk.bound.table import RowAllocator, Table, content_of
-from solari_vk.gpu.acceleration.blas import Blas
 from solari_vk.gpu.acceleration.geometry import TriangleGeometry
 from solari_vk.gpu.device.buffer import Buffer
 from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.device.uploads import Uploads
+from solari_vk.gpu.structures import MeshStructure
 from solari_vk.gpu.tensors.imports import DeviceTensor
 from solari_vk.gpu.tensors.port import TensorPort
 from solari_vk.scene.model import Instance, Mesh
@@ -66,7 +66,7 @@ class Geometry:
         """Half the size (3,) of the same bounds."""
         self.orders: dict[DeviceMesh, NDArray[np.int64]] = {}
         """For each uploaded mesh the mesh's triangle of each uploaded triangle."""
-        self.blases: dict[DeviceMesh, Blas] = {}
+        self.blases: dict[DeviceMesh, MeshStructure] = {}
         """The acceleration structure of each traced mesh, as of the latest `update`."""
         # Blended meshes, whose light is added per hit: rays must meet each of their triangles only once.
         self._no_duplicate_any_hit: set[Mesh] = set()

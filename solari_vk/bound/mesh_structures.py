@@ -7,10 +7,9 @@ from typing import Any
 
 from solari_vk.bound.mesh_tensors import MeshTensors
 from solari_vk.bound.table import RowAllocator
-from solari_vk.gpu.acceleration.blas import Blas
-from solari_vk.gpu.acceleration.blas_builds import build_blases
 from solari_vk.gpu.acceleration.geometry import TriangleGeometry
 from solari_vk.gpu.device.device import Device
+from solari_vk.gpu.structures import MeshStructure, build_mesh_structures, mesh_structure
 from solari_vk.scene.model import Mesh
 
 Build = tuple[Hashable, bool]
@@ -24,7 +23,7 @@ class MeshStructures:
     def __init__(self, device: Device, tensors: MeshTensors) -> None:
         self._device = device
         self._tensors = tensors
-        self._built: dict[Build, Blas] = {}
+        self._built: dict[Build, MeshStructure] = {}
         self._builds: RowAllocator[Build] = RowAllocator()  # whose users share a structure
         self._build_of: dict[Mesh, Build] = {}
         self.all_alive = True
@@ -32,12 +31,14 @@ class MeshStructures:
 
     def build(
         self, traced: Mapping[Mesh, TriangleGeometry], builds: Mapping[Mesh, Build], moved: Container[Mesh]
-    ) -> dict[Any, Blas]:
+    ) -> dict[Any, MeshStructure]:
         """The structures of meshes. builds: of those without vertices in tensors. moved: have other positions."""
         new = {build: mesh for mesh, build in builds.items() if build not in self._built}
         with self._device.undone_on_error():
-            made = {build: Blas(self._device, [traced[mesh]], name=mesh.name or "mesh") for build, mesh in new.items()}
-            build_blases(self._device, list(made.values()))
+            made = {
+                build: mesh_structure(self._device, traced[mesh], mesh.name or "mesh") for build, mesh in new.items()
+            }
+            build_mesh_structures(self._device, list(made.values()))
         self._built |= made
         # Acquired before the earlier ones are dropped, which may be the same.
         for mesh, build in builds.items():

@@ -10,14 +10,14 @@ import numpy as np
 
 from solari_vk.bound.mesh_parts import ADDRESSES
 from solari_vk.bound.table import RowAllocator, Table
-from solari_vk.gpu.acceleration.blas import Blas
 from solari_vk.gpu.acceleration.blas_builds import BlasBuild, submit_batch
 from solari_vk.gpu.acceleration.geometry import TriangleGeometry
-from solari_vk.gpu.acceleration.structure import UpdateMode, clock
+from solari_vk.gpu.acceleration.structure import clock
 from solari_vk.gpu.device import raw
 from solari_vk.gpu.device.barriers import full_barrier
 from solari_vk.gpu.device.buffer import Buffer
 from solari_vk.gpu.device.device import Device
+from solari_vk.gpu.structures import MeshStructure, build_mesh_structures, mesh_structure, traces_by_compute
 from solari_vk.gpu.tensors.imports import DeviceTensor
 from solari_vk.gpu.tensors.port import Dispatch, TensorPort, rule
 from solari_vk.scene.checks import LARGEST_COORDINATE
@@ -35,7 +35,7 @@ class TensorMesh:
     def __init__(self, boxes: Buffer) -> None:
         self.boxes = boxes
         """The first one is that around the mesh."""
-        self.blases: list[Blas] = []
+        self.blases: list[Any] = []
         self.side = self.refits = 0
 
     def drop_structures(self) -> None:
@@ -148,14 +148,18 @@ class MeshTensors:
 
         self._device.start_with_next(record, "bounds of meshes with tensors")
 
-    def structures(self, geometries: Mapping[Mesh, TriangleGeometry], moved: Container[Mesh]) -> dict[Mesh, Blas]:
+    def structures(
+        self, geometries: Mapping[Mesh, TriangleGeometry], moved: Container[Mesh]
+    ) -> dict[Mesh, MeshStructure]:
         """The structures of meshes. moved: those that have other positions than at the latest call."""
         builds = [
             self._build(mesh, geometry)
             for mesh, geometry in geometries.items()
             if mesh in moved or not self._meshes[mesh].blases
         ]
-        if builds:
+        if builds and traces_by_compute(self._device):
+            build_mesh_structures(self._device, [build.blas for build in builds])
+        elif builds:
             submit_batch(self._device, builds, clock.tick())
         return {mesh: self._meshes[mesh].blases[self._meshes[mesh].side] for mesh in geometries}
 
@@ -165,15 +169,11 @@ class MeshTensors:
         own = self._meshes[mesh]
         own.side = 1 - own.side if own.blases else 0
         if len(own.blases) == own.side:
-            own.blases.append(
-                Blas(
-                    self._device,
-                    [geometry],
-                    allow_compaction=False,
-                    name=mesh.name or "mesh",
-                    update_mode=UpdateMode.PREFER_UPDATE,
-                )
-            )
+            own.blases.append(mesh_structure(self._device, geometry, mesh.name or "mesh", moves=True))
+        if traces_by_compute(self._device):
+            tree = own.blases[own.side]
+            tree.geometry = geometry
+            return BlasBuild(tree)
         blas, other = own.blases[own.side], own.blases[own.side - 1]
         update = other is not blas and other.built and own.refits < MAX_REFITS
         blas.set_geometries([geometry])

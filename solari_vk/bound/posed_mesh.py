@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from solari_vk.gpu.acceleration.blas import Blas
 from solari_vk.gpu.device import raw
 from solari_vk.gpu.device.buffer import Buffer
 from solari_vk.scene.meshes.deformation import Deformation
@@ -38,7 +37,7 @@ class PosedMesh:
         """Positions of earlier poses by their revisions."""
         self.buffer: Buffer | None = None
         self.addresses = (0, 0, 0)  # two of positions, and of attributes
-        self.blases: list[Blas] = []
+        self.blases: list[Any] = []
         self.refits = 0
         self.built_area = 0.0
         self.area = 0.0

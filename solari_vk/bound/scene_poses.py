@@ -25,12 +25,12 @@ from solari_vk.bound.posed_mesh import EditedMesh, PosedMesh
 from solari_vk.bound.table import Table
 from solari_vk.gpu.acceleration.blas import Blas
 from solari_vk.gpu.acceleration.geometry import TriangleGeometry
-from solari_vk.gpu.acceleration.structure import UpdateMode
 from solari_vk.gpu.device import raw
 from solari_vk.gpu.device.barriers import full_barrier
 from solari_vk.gpu.device.buffer import Buffer
 from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.frame.stopwatch import Stopwatch
+from solari_vk.gpu.structures import mesh_structure
 from solari_vk.scene.meshes.deformation import Deformation
 from solari_vk.scene.objects import Mesh
 
@@ -245,8 +245,9 @@ class ScenePoses:
                 triangle_count=int(record["triangle_count"]),
                 no_duplicate_any_hit=True,  # which blended surfaces need, and structures that are refitted allow
             )
-            blas = Blas(device, [geometry], allow_compaction=False, name=name, update_mode=UpdateMode.PREFER_UPDATE)
-            blas.ensure_storage()
+            blas = mesh_structure(device, geometry, name, moves=True)
+            if isinstance(blas, Blas):
+                blas.ensure_storage()
             posed.blases.append(blas)
 
     def _upload_source(self, deformation: Deformation | None) -> Buffer:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,10 +11,11 @@ from numpy.typing import NDArray
 from solari_vk.bound.constants import BLENDED_MASK, SCENE_MASK
 from solari_vk.bound.spatial_order import spatial_order
 from solari_vk.bound.table import MakeTable
-from solari_vk.gpu.acceleration.tlas import INSTANCE_DTYPE, Tlas, TlasBuild, TlasCopy
+from solari_vk.gpu.acceleration.tlas import INSTANCE_DTYPE
 from solari_vk.gpu.device import raw
 from solari_vk.gpu.device.buffer import Buffer
 from solari_vk.gpu.device.device import Device
+from solari_vk.gpu.structures import SceneStructure, scene_build, scene_copy, scene_structure, traces_by_compute
 
 # The bits of custom_index_and_mask above the index. HIDDEN isn't 0, because Mesa 26.2 loses other instances where a
 # mask is 0 (docs/driver_faults.md).
@@ -130,16 +132,32 @@ class SceneTlas:
     """The top-level acceleration structure over a scene's records, and a copy of it for motion through past frames."""
 
     def __init__(self, device: Device, traced: TracedRecords) -> None:
-        self.current = Tlas(device, 16, name="scene")
-        self.previous: Tlas | None = None
+        self.current = scene_structure(device, 16, "scene")
+        self.previous: SceneStructure | None = None
         """The structure as it was in the previous frame, while it is kept."""
         self._device = device
         self._traced = traced
         self._rebuild = True
-        self._build: TlasBuild | None = None
-        self._built_for: tuple[Tlas, Buffer, int] | None = None  # what `_build` writes and reads
-        self._copy: TlasCopy | None = None
+        self._build: Any = None
+        self._built_for: tuple[SceneStructure, Buffer, int] | None = None  # what `_build` writes and reads
+        self._copy: Any = None
         self._previous_differs = False
+        self._addresses: Buffer | None = None  # of both, for shaders that traverse trees
+        self._shown: tuple[int, ...] = ()  # what `_addresses` holds
+        if traces_by_compute(device):
+            self._addresses = device.buffer(16, "world_structures")
+
+    @property
+    def resources(self) -> dict[str, Any]:
+        """What shaders bind, by names in glsl/scene/trace.glsl."""
+        structures = self.current, self.previous or self.current
+        if self._addresses is None:
+            return dict(zip(("tlas", "previous_tlas"), structures, strict=True))
+        addresses = tuple(structure.address for structure in structures)
+        if addresses != self._shown:
+            self._addresses.upload(np.array(addresses, np.uint64))
+            self._shown = addresses
+        return {"world_structures": self._addresses}
 
     def keep_previous(self, needed: bool) -> bool:
         """Keep the structure of the previous frame from now on, or free it; returns whether `previous` is another."""
@@ -149,7 +167,7 @@ class SceneTlas:
             self.previous.destroy()
             self.previous = None
         else:
-            self.previous = Tlas(self._device, self.current.max_instances, name="previous scene")
+            self.previous = scene_structure(self._device, self.current.max_instances, "previous scene")
             self._previous_differs = self.current.built
         return True
 
@@ -160,7 +178,7 @@ class SceneTlas:
         if count <= self.current.max_instances:
             return False
         self.current.destroy()
-        self.current = Tlas(self._device, max(count, 2 * self.current.max_instances), name="scene")
+        self.current = scene_structure(self._device, max(count, 2 * self.current.max_instances), "scene")
         if self.previous is not None:
             self.previous.destroy()
             self.previous = None
@@ -196,7 +214,7 @@ class SceneTlas:
         needed = self.current, self.previous
         if self._copy is None or self._copy.made_for != needed:
             old = self._copy
-            self._copy = TlasCopy(*needed)
+            self._copy = scene_copy(*needed)
             if old is not None:
                 old.destroy()
         self._copy.submit()
@@ -208,13 +226,13 @@ class SceneTlas:
         needed = self.current, buffer, self._traced.count
         if self._build is None or self._built_for != needed:
             old = self._build
-            self._build = TlasBuild(self.current, buffer.address, self._traced.count)
+            self._build = scene_build(self.current, buffer.address, self._traced.count)
             self._built_for = needed
             if old is not None:
                 old.destroy()
         self._build.submit()
 
     def destroy(self) -> None:
-        for made in (self._build, self._copy, self.previous, self.current):
+        for made in (self._build, self._copy, self.previous, self.current, self._addresses):
             if made is not None:
                 made.destroy()

@@ -16,7 +16,7 @@ from solari_vk import __version__
 from solari_vk.base.errors import DeviceError, SolariError
 from solari_vk.cli.commands import WHY_NO_WINDOW
 from solari_vk.cli.options import resolve
-from solari_vk.gpu.device.rays import AUTO, EXTENSIONS, IN_WORDS
+from solari_vk.gpu.device.rays import AUTO, EXTENSIONS, IN_WORDS, automatic_method
 
 if TYPE_CHECKING:
     from solari_vk.gpu.device.physical import DeviceReport
@@ -189,13 +189,15 @@ def _print_device(report: Any) -> None:
     for rays, missing in report.missing_rays.items():
         print(f"  --rays {rays}: {'lacks ' + ', '.join(missing) if missing else 'yes'}")
     if report.missing_rays:
-        print(f"  without --rays: {_rays_without_option(report.missing_rays)}")
+        print(f"  without --rays: {_rays_without_option(report)}")
     print(f"  --settings gbuffer=auto: {chosen_method(report.kind)}")
 
 
-def _rays_without_option(missing_rays: Mapping[str, Sequence[str]]) -> str:
+def _rays_without_option(report: Any) -> str:
     wanted = os.environ.get("SOLARI_VK_RAYS") or AUTO
-    usable = [rays for rays, missing in missing_rays.items() if not missing and wanted in (AUTO, rays)]
-    # The device takes the first one that is usable.
-    answer = f"by {IN_WORDS[usable[0]]}" if usable else "none"
-    return answer if wanted == AUTO else f"{answer}, because SOLARI_VK_RAYS is {wanted!r}"
+    if wanted == AUTO:
+        rays, why = automatic_method(report.missing_rays, report.kind)
+    else:
+        works = report.missing_rays.get(wanted) == []
+        rays, why = (wanted if works else "", f"SOLARI_VK_RAYS is {wanted!r}")
+    return f"by {IN_WORDS[rays]}, because {why}" if rays else f"none, because {why}"

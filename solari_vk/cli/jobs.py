@@ -30,8 +30,8 @@ class DeviceOptions:
 
     device: str | None = option("part of a device's name, its index, its UUID, gpu or cpu")
     rays: str | None = option(
-        "trace by ray queries or by ray tracing pipelines (auto: queries where there are any)",
-        choices=("auto", "query", "pipeline"),
+        "trace by ray queries, ray tracing pipelines or compute shaders (auto: the first that the device has)",
+        choices=("auto", "query", "pipeline", "compute"),
     )
 
 

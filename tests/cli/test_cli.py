@@ -591,6 +591,7 @@ def test_info_names_what_there_is_what_is_missing_and_the_command(any_device, mo
         "usable",
         "--rays query: ",
         "--rays pipeline: ",
+        "--rays compute: ",
         "gbuffer=auto: ",
         f"cache: {tmp_path}, shaders: 2, pipeline caches: 1, 1.5 MB\n",
         f"meshes of Draco: installed, but it doesn't work: OSError: {tmp_path}/DracoPy.so: ",
@@ -605,7 +606,7 @@ def test_info_names_what_there_is_what_is_missing_and_the_command(any_device, mo
 
 
 def test_render_names_the_way_to_trace(render):
-    for rays, words in (("query", "ray queries"), ("pipeline", "ray pipelines")):
+    for rays, words in (("query", "ray queries"), ("pipeline", "ray pipelines"), ("compute", "compute shaders")):
         said, _ = render(*SAMPLES, "--rays", rays)
         assert f", by {words}\n" in said
 
@@ -616,13 +617,16 @@ def test_info_says_what_each_way_to_trace_lacks(monkeypatch, capsys):
         assert main(["info"]) == code
         return capsys.readouterr()
 
-    lacks = {"query": ["VK_KHR_ray_query"], "pipeline": []}
+    lacks = {"query": ["VK_KHR_ray_query"], "pipeline": [], "compute": ["feature shaderFloat64"]}
     card = DeviceReport(0, "Card", "discrete gpu", "0", "driver 1", (1, 3, 0), [], lacks)
     said = info_of(card, 0).out
     assert "  usable\n  --rays query: lacks VK_KHR_ray_query\n  --rays pipeline: yes\n" in said
-    assert "  without --rays: by ray pipelines\n" in said
+    assert "  --rays compute: lacks feature shaderFloat64\n" in said
+    assert "  without --rays: by ray pipelines, because the device has no ray queries\n" in said
     monkeypatch.setenv("SOLARI_VK_RAYS", "query")
     assert "  without --rays: none, because SOLARI_VK_RAYS is 'query'\n" in info_of(card, 0).out
+    monkeypatch.setenv("SOLARI_VK_RAYS", "pipeline")
+    assert "  without --rays: by ray pipelines, because SOLARI_VK_RAYS is 'pipeline'\n" in info_of(card, 0).out
     said = info_of(dataclasses.replace(card, missing=["VK_KHR_ray_query or VK_KHR_ray_tracing_pipeline"]), 3)
     assert "  lacks: VK_KHR_ray_query or VK_KHR_ray_tracing_pipeline\n" in said.out
     assert "install a driver with VK_KHR_ray_query or VK_KHR_ray_tracing_pipeline" in said.err

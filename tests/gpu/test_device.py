@@ -12,13 +12,16 @@ import numpy as np
 import pytest
 
 import solari_vk as sv
+from solari_vk import rt
 from solari_vk.base.errors import DeviceError, SolariError, ValidationError
 from solari_vk.gpu.device import physical, raw, software
+from solari_vk.gpu.device import rays as ray_methods
 from solari_vk.gpu.device.barriers import full_barrier
 from solari_vk.gpu.device.buffer import Buffer
 from solari_vk.gpu.device.commands import Recorded
 from solari_vk.gpu.device.device import Device, list_devices
 from solari_vk.gpu.device.instance import Instance
+from solari_vk.gpu.device.rays import SOFTWARE, WITHOUT_UNITS
 
 
 def nothing(_: raw.CData) -> None:
@@ -146,31 +149,76 @@ def test_real_devices_trace_in_the_way_asked_for(any_device: None, monkeypatch: 
         assert [opened.rays for opened in (by_environment, auto, query)] == ["pipeline", "query", "query"]
         assert "VK_KHR_ray_tracing_pipeline" not in query.extensions
         assert "rayTracingPipeline" not in query.features
-    with pytest.raises(SolariError, match="rays is 'both': take one of auto, query, pipeline"):
+    with Device(rays="compute") as device:
+        assert not [name for name in device.extensions if "ray" in name or "acceleration" in name]
+        assert (
+            not {"rayQuery", "rayTracingPipeline", "accelerationStructure", "rayTracingPositionFetch"} & device.features
+        )
+        for make in (lambda: rt.create_tlas(device, 4), lambda: rt.create_blas(device, [rt.TriangleSize(3, 1)])):
+            with pytest.raises(
+                SolariError, match=r"off on a device that traces by compute shaders: open .*rays='query'"
+            ):
+                make()
+    with pytest.raises(SolariError, match="rays is 'both': take one of auto, query, pipeline, compute"):
         Device(rays="both")
     monkeypatch.setenv("SOLARI_VK_RAYS", "raster")
-    with pytest.raises(SolariError, match="SOLARI_VK_RAYS is 'raster': take one of auto, query, pipeline"):
+    with pytest.raises(SolariError, match="SOLARI_VK_RAYS is 'raster': take one of auto, query, pipeline, compute"):
         Device()
 
 
 @pytest.mark.parametrize(
-    ("hidden", "rays"), [("VK_KHR_ray_query", "pipeline"), ("VK_KHR_ray_tracing_pipeline", "query")]
+    ("lacked", "kind", "faster", "rays", "why"),
+    [
+        ("", "discrete gpu", (SOFTWARE, WITHOUT_UNITS), "query", "the device has ray queries"),
+        ("query", "discrete gpu", (SOFTWARE,), "pipeline", "the device has no ray queries"),
+        ("query", "discrete gpu", (WITHOUT_UNITS,), "compute", "it is the fastest way on cards without units for rays"),
+        ("query compute", "discrete gpu", (WITHOUT_UNITS,), "pipeline", "the device has no ray queries"),
+        ("query pipeline", "integrated gpu", (), "compute", "the device has no ray queries and no ray pipelines"),
+        ("", "cpu", (), "query", "the device has ray queries"),
+        ("", "cpu", (SOFTWARE,), "compute", "it is the fastest way on software devices"),
+        ("query pipeline compute", "cpu", (SOFTWARE,), "", "the device has no method of tracing rays"),
+    ],
+)
+def test_the_way_that_auto_takes(monkeypatch, lacked, kind, faster, rays, why):
+    monkeypatch.setattr(ray_methods, "FASTER_BY_COMPUTE", frozenset(faster))
+    missing = {way: ["x"] if way in lacked.split() else [] for way in ray_methods.RAYS}
+    assert ray_methods.automatic_method(missing, kind) == (rays, why)
+
+
+def test_compute_needs_float64(any_device: None, monkeypatch: pytest.MonkeyPatch) -> None:
+    groups = {**physical.OPTIONAL_FEATURES, "core": ()}
+    monkeypatch.setattr(physical, "OPTIONAL_FEATURES", groups)
+    query = physical.PhysicalDevice._query_features
+    monkeypatch.setattr(
+        physical.PhysicalDevice, "_query_features", lambda self, vk: {**query(self, vk), "core": {"shaderInt64"}}
+    )
+    with pytest.raises(DeviceError, match=r"with rays='compute'(.|\n)*: lacks feature shaderFloat64"):
+        Device(rays="compute")
+
+
+@pytest.mark.parametrize(
+    ("hidden", "rays"),
+    [
+        (("VK_KHR_ray_query",), "pipeline"),
+        (("VK_KHR_ray_tracing_pipeline",), "query"),
+        (("VK_KHR_acceleration_structure", "VK_KHR_deferred_host_operations"), "compute"),
+    ],
 )
 def test_auto_takes_the_way_that_the_device_has(
-    any_device: None, monkeypatch: pytest.MonkeyPatch, hidden: str, rays: str
+    any_device: None, monkeypatch: pytest.MonkeyPatch, hidden: tuple[str, ...], rays: str
 ) -> None:
     def devices(self: Instance) -> list[physical.PhysicalDevice]:
         handles = raw.enumerate_items(self.vk.vkEnumeratePhysicalDevices, "VkPhysicalDevice", self.handle)
-        lacks = self.unknown_to_layer | {hidden}
+        lacks = self.unknown_to_layer | set(hidden)
         return [physical.PhysicalDevice(self.vk, handle, i, lacks) for i, handle in enumerate(handles)]
 
     monkeypatch.setattr(Instance, "devices", devices)
     with Device() as device:
         assert device.rays == rays
-    other = "query" if rays == "pipeline" else "pipeline"
-    with pytest.raises(DeviceError, match=f"with rays='{other}'(.|\n)*: lacks {hidden}"):
+    other = "pipeline" if rays == "query" else "query"
+    with pytest.raises(DeviceError, match=f"with rays='{other}'(.|\n)*: lacks {', '.join(hidden)}"):
         Device(rays=other)
-    assert all(not report.missing and report.missing_rays[other] == [hidden] for report in list_devices())
+    assert all(not report.missing and report.missing_rays[other] == [*hidden] for report in list_devices())
 
 
 def test_an_old_device_is_said_to_lack_only_what_is_known(any_device: None, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -178,11 +226,11 @@ def test_an_old_device_is_said_to_lack_only_what_is_known(any_device: None, monk
         instance = device._instance
         [handle, *_] = raw.enumerate_items(instance.vk.vkEnumeratePhysicalDevices, "VkPhysicalDevice", instance.handle)
         found = physical.PhysicalDevice(instance.vk, handle, 0, instance.unknown_to_layer)
-        assert list(found.report().missing_rays) == ["query", "pipeline"]
-        found.missing_rays = {"query": ["VK_KHR_ray_query"], "pipeline": ["feature x", "feature y"]}
+        assert list(found.report().missing_rays) == ["query", "pipeline", "compute"]
+        found.missing_rays = {"query": ["VK_KHR_ray_query"], "compute": ["feature x", "feature y"]}
         assert found.report().missing == ["VK_KHR_ray_query or feature x and feature y"]
-        old = physical.PhysicalDevice(instance.vk, handle, 0, frozenset({"VK_KHR_acceleration_structure"}))
-        assert (old.report().missing, old.report().missing_rays) == (["VK_KHR_acceleration_structure"], {})
+        found.queue_family = -1
+        assert (found.report().missing[0], found.report().missing_rays) == ("a queue for graphics and compute", {})
 
 
 def test_real_devices_by_index_name_and_uuid(any_device: None, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -204,11 +252,11 @@ def test_real_devices_by_index_name_and_uuid(any_device: None, monkeypatch: pyte
 def test_missing_features_are_named(any_device: None, monkeypatch: pytest.MonkeyPatch) -> None:
     groups = physical.REQUIRED_FEATURES
     monkeypatch.setitem(groups, "core", ("sparseResidency16Samples",))
-    monkeypatch.setattr(physical, "REQUIRED_EXTENSIONS", (*physical.REQUIRED_EXTENSIONS, "VK_XYZ_none"))
+    monkeypatch.setitem(physical.RAYS, "query", ("VK_XYZ_none",))
     instance = Instance()
     try:
         for found in instance.devices():
-            assert "VK_XYZ_none" in found.lacks()
+            assert "VK_XYZ_none" in found.lacks("query")
             if "sparseResidency16Samples" not in found.features["core"]:
                 assert "feature sparseResidency16Samples" in found.lacks()
     finally:

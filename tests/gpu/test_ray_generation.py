@@ -43,7 +43,7 @@ HIT = "trace_closest_hit(vec3(0), 0.0, vec3(0, 0, 1), 1.0, TRACE_BOTH_FACES).t"
 
 def module(shaders: ShaderFolder, body: str, name: str = "passes/x.comp", start: str = START, **options: str) -> bytes:
     shaders.write(name, "#version 460\n#extension GL_EXT_scalar_block_layout : require\n" + start + body)
-    return compile_shader(name, root=shaders.root, ray_pipelines=True, **options)
+    return compile_shader(name, root=shaders.root, rays="pipeline", **options)
 
 
 def traced_flags(spirv: bytes) -> set[int | None]:
@@ -68,15 +68,20 @@ def traced_flags(spirv: bytes) -> set[int | None]:
 
 @pytest.mark.parametrize("path", sorted(set(PATHS) - OWN_QUERIES))
 def test_modules_of_both_ways(path: str) -> None:
-    """Valid and readable; one that traces by queries is a ray generation shader in the other way, others are equal."""
-    queries, pipelines = (compile_shader(path, ray_pipelines=on) for on in (False, True))
+    """Valid and readable; one that traces by queries is a ray generation shader by pipelines, others are equal."""
+    queries, pipelines, compute = (compile_shader(path, rays=way) for way in ("query", "pipeline", "compute"))
     check_spirv(queries, path)
-    module = reflect(queries, path, writes_by_address=path.startswith(("scene/deform", "scene/tensors/")))
+    module = reflect(
+        queries, path, writes_by_address=path.startswith(("scene/deform", "scene/tensors/", "scene/trees/"))
+    )
     assert module.main.stage == path.rpartition(".")[2]
     assert not ray_generation.uses_ray_queries(pipelines)
     if not ray_generation.uses_ray_queries(queries):
-        assert queries == pipelines
+        assert queries == pipelines == compute
         return
+    check_spirv(compute, path)
+    assert not ray_generation.uses_ray_queries(compute)
+    assert reflect(compute, path).main.stage == "comp"
     check_spirv(pipelines, path)
     assert reflect(pipelines, path).main.stage == "rgen"
     assert traced_flags(pipelines) or path == "passes/layout.comp"  # which only declares
@@ -90,8 +95,11 @@ def test_some_modules_trace() -> None:
 @pytest.mark.parametrize("path", sorted(OWN_QUERIES))
 def test_queries_of_a_shader_s_own_are_refused(path: str) -> None:
     check_spirv(compile_shader(path), path)
-    with pytest.raises(SolariError, match=rf"^{path}: .*VK_KHR_ray_query, opened with rays='query'.*scene/trace.glsl"):
-        compile_shader(path, ray_pipelines=True)
+    for way in ("pipeline", "compute"):
+        with pytest.raises(
+            SolariError, match=rf"^{path}: .*VK_KHR_ray_query, opened with rays='query'.*scene/trace.glsl"
+        ):
+            compile_shader(path, rays=way)
 
 
 def test_queries_beside_trace_are_refused_too(shaders: ShaderFolder) -> None:
@@ -105,10 +113,10 @@ def test_queries_beside_trace_are_refused_too(shaders: ShaderFolder) -> None:
 
 def test_flags_of_visibility_rays_are_seen() -> None:
     path = "passes/reference/trace.comp"
-    assert VISIBILITY in traced_flags(compile_shader(path, ray_pipelines=True))
+    assert VISIBILITY in traced_flags(compile_shader(path, rays="pipeline"))
     for changed, left in (("gl_RayFlagsSkipClosestHitShaderEXT", 0x8), ("TRACE_ANY_HIT", ANY)):
         with seeded(Bug("scene/trace.glsl", "flags", changed)):
-            found = traced_flags(compile_shader(path, ray_pipelines=True))
+            found = traced_flags(compile_shader(path, rays="pipeline"))
             assert left in found
             assert VISIBILITY not in found
 

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import Enum
 
-from solari_vk.base.errors import SolariError
+from solari_vk.base.errors import SolariError, quoted
 from solari_vk.gpu.acceleration.checks import check_kind, check_switch, whole_number
 from solari_vk.gpu.device import raw
 from solari_vk.gpu.device.device import Device
@@ -91,6 +91,13 @@ class Structure:
         more_flags: int = 0,
     ) -> None:
         check_kind(name, str, "acceleration structure: the name", "give a string")
+        if device.rays == "compute":
+            usable = [rays for rays in ("query", "pipeline") if not device.missing_rays[rays]]
+            remedy = f"open it with rays={quoted(usable[0])}" if usable else "take a device with ray queries"
+            raise SolariError(
+                f"{type(self).__name__} {name}: acceleration structures are off on a device that traces by compute "
+                f"shaders: {remedy}"
+            )
         self.device = device
         self.name = name
         self.options = options

@@ -15,13 +15,13 @@ from solari_vk.gpu.device import raw
 from solari_vk.gpu.device.instance import Instance
 from solari_vk.gpu.device.physical import (
     OPTIONAL_EXTENSIONS,
-    REQUIRED_EXTENSIONS,
+    POSITION_FETCH,
     DeviceProperties,
     PhysicalDevice,
     choose,
     feature_chain,
 )
-from solari_vk.gpu.device.rays import AUTO, RAYS
+from solari_vk.gpu.device.rays import AUTO, RAYS, automatic_method
 from solari_vk.gpu.device.software import why_software
 
 _FORKED = (
@@ -43,7 +43,7 @@ def asked_for(select: str | int | None, rays: str | None) -> tuple[str | int | N
 class LogicalDevice:
     """A VkDevice with one queue. `vk` has its functions, `properties`, `features` and `extensions` what it can do.
 
-    `rays`: how shaders trace rays on it, "query" or "pipeline". The features of the other method are off.
+    `rays`: how shaders trace rays on it, "query", "pipeline" or "compute". The features of other methods are off.
     `missing_rays`: what the device lacks for each method.
     """
 
@@ -68,7 +68,7 @@ class LogicalDevice:
 
     def _open(self, chosen: PhysicalDevice) -> None:
         if self.rays == AUTO:
-            self.rays = next(rays for rays, missing in chosen.missing_rays.items() if not missing)
+            self.rays, _ = automatic_method(chosen.missing_rays, chosen.properties.kind)
         self.instance = self._instance.handle
         self.instance_vk = self._instance.vk
         self.messages = self._instance.messages
@@ -83,7 +83,9 @@ class LogicalDevice:
         # VK_KHR_swapchain depends on VK_KHR_surface of the instance.
         if "VK_KHR_surface" not in self._instance.extensions and "VK_KHR_swapchain" in optional:
             optional.remove("VK_KHR_swapchain")
-        self.extensions = frozenset([*REQUIRED_EXTENSIONS, RAYS[self.rays], *optional])
+        if not RAYS[self.rays] and POSITION_FETCH in optional:
+            optional.remove(POSITION_FETCH)
+        self.extensions = frozenset([*RAYS[self.rays], *optional])
         enabled = chosen.enabled_features(self.rays)
         self.features = frozenset(name for names in enabled.values() for name in names)
         self.has_position_fetch = "rayTracingPositionFetch" in self.features

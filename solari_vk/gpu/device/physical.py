@@ -9,12 +9,11 @@ from typing import Any
 
 from solari_vk.base.errors import DeviceError, quoted
 from solari_vk.gpu.device import raw
-from solari_vk.gpu.device.rays import AUTO, EXTENSIONS, RAYS
+from solari_vk.gpu.device.rays import AUTO, CORE_FEATURES, EXTENSIONS, OF_METHODS, RAYS
 
-# VK_KHR_acceleration_structure depends on VK_KHR_deferred_host_operations, though nothing here defers any.
-REQUIRED_EXTENSIONS = ("VK_KHR_acceleration_structure", "VK_KHR_deferred_host_operations")
+POSITION_FETCH = "VK_KHR_ray_tracing_position_fetch"  # of acceleration structures
 OPTIONAL_EXTENSIONS = (
-    "VK_KHR_ray_tracing_position_fetch",
+    POSITION_FETCH,
     "VK_KHR_swapchain",
     "VK_EXT_memory_budget",
     "VK_KHR_external_memory_fd",
@@ -78,7 +77,7 @@ OPTIONAL_FEATURES: dict[str, tuple[str, ...]] = {
 class DeviceReport:
     """A device as `solari-vk info` lists it; `missing` is empty if the package can use the device.
 
-    `missing_rays`: what the device lacks for each method of tracing ("query", "pipeline"); no methods if it lacks
+    `missing_rays`: what the device lacks for each method of tracing, a key of RAYS; no methods if it lacks
     anything else, because a device that is too old isn't asked for its features.
     """
 
@@ -129,7 +128,7 @@ class PhysicalDevice:
         self.properties = self._query_properties(vk)
         self.queue_family, self.timestamp_bits = self._find_queue_family(vk)
         self.features = self._query_features(vk)
-        self.missing_rays = {rays: self._lacks_of([extension]) for rays, extension in RAYS.items()}
+        self.missing_rays = {rays: self._lacks_for(rays) for rays in RAYS}
 
     def _query_properties(self, vk: raw.Functions) -> DeviceProperties:
         plain = raw.ffi.new("VkPhysicalDeviceProperties*")
@@ -141,7 +140,7 @@ class PhysicalDevice:
         # The structure of an extension may be in the chain only if the device has the extension.
         for extension, structure in (
             ("VK_KHR_acceleration_structure", acceleration),
-            (RAYS["pipeline"], ray_pipelines),
+            ("VK_KHR_ray_tracing_pipeline", ray_pipelines),
         ):
             if extension in self.extensions:
                 structure.pNext, last = last or raw.NULL, structure
@@ -212,7 +211,7 @@ class PhysicalDevice:
         major, minor, patch = self.properties.api_version
         if (major, minor) < (1, 3):
             missing.append(f"Vulkan 1.3 (it has {major}.{minor}.{patch})")
-        missing += self._lacks_of([*REQUIRED_EXTENSIONS, *(group for group in _STRUCTURES if group[:2] != "VK")])
+        missing += self._lacks_of([group for group in _STRUCTURES if group[:2] != "VK"])
         if self.queue_family < 0:
             missing.append("a queue for graphics and compute")
         return missing
@@ -226,6 +225,14 @@ class PhysicalDevice:
                 missing += [f"feature {name}" for name in required if name not in self.features[group]]
         return missing
 
+    def _lacks_for(self, rays: str) -> list[str]:
+        """What it lacks for a method of tracing alone."""
+        missing = self._lacks_of(RAYS[rays])
+        if "core" in self.features:  # a device that is too old isn't asked
+            needed = CORE_FEATURES.get(rays, ())
+            missing += [f"feature {name}" for name in needed if name not in self.features["core"]]
+        return missing
+
     def enabled_features(self, rays: str) -> dict[str, tuple[str, ...]]:
         """For each feature structure, the required features and those optional ones that the device has.
 
@@ -233,7 +240,8 @@ class PhysicalDevice:
         """
         enabled = {}
         for group in self._groups():
-            if group not in RAYS.values() or group == RAYS[rays]:
+            is_of_others = group in OF_METHODS and group not in RAYS[rays]
+            if not is_of_others and not (group == POSITION_FETCH and not RAYS[rays]):
                 optional = OPTIONAL_FEATURES.get(group, ())
                 supported = tuple(name for name in optional if name in self.features[group])
                 enabled[group] = REQUIRED_FEATURES.get(group, ()) + supported

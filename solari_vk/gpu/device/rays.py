@@ -2,9 +2,48 @@
 
 from __future__ import annotations
 
-RAYS = {"query": "VK_KHR_ray_query", "pipeline": "VK_KHR_ray_tracing_pipeline"}
-"""The extension of each method, the preferred one first."""
+from collections.abc import Mapping, Sequence
+
+_STRUCTURES = ("VK_KHR_acceleration_structure", "VK_KHR_deferred_host_operations")  # the first depends on the second
+RAYS = {
+    "query": (*_STRUCTURES, "VK_KHR_ray_query"),
+    "pipeline": (*_STRUCTURES, "VK_KHR_ray_tracing_pipeline"),
+    "compute": (),
+}
+"""The extensions of each method, the preferred one first."""
+OF_METHODS = frozenset(name for names in RAYS.values() for name in names)
+CORE_FEATURES = {"compute": ("shaderFloat64",)}
+"""What methods need of VkPhysicalDeviceFeatures."""
 AUTO = "auto"
-IN_WORDS = {"query": "ray queries", "pipeline": "ray pipelines"}
-EXTENSIONS = " or ".join(RAYS.values())
+IN_WORDS = {"query": "ray queries", "pipeline": "ray pipelines", "compute": "compute shaders"}
+EXTENSIONS = "VK_KHR_ray_query or VK_KHR_ray_tracing_pipeline"
 """What a driver must have, for messages."""
+SOFTWARE = "software devices"
+WITHOUT_UNITS = "cards without units for rays"
+FASTER_BY_COMPUTE: frozenset[str] = frozenset()
+"""On which of these kinds of devices compute shaders trace faster than what the driver has."""
+
+
+def automatic_method(missing: Mapping[str, Sequence[str]], kind: str) -> tuple[str, str]:
+    """The method that "auto" takes on a device of a kind such as "cpu", and why; "" if it has none.
+
+    missing: what the device lacks for each method.
+    """
+    usable = [rays for rays in RAYS if rays in missing and not missing[rays]]
+    if not usable:
+        return "", "the device has no method of tracing rays"
+    group = _group(usable, kind)
+    if "compute" in usable and group in FASTER_BY_COMPUTE:
+        return "compute", f"it is the fastest way on {group}"
+    lacked = [IN_WORDS[rays] for rays in list(RAYS)[: list(RAYS).index(usable[0])]]
+    if not lacked:
+        return usable[0], f"the device has {IN_WORDS[usable[0]]}"
+    return usable[0], f"the device has no {' and no '.join(lacked)}"
+
+
+def _group(usable: Sequence[str], kind: str) -> str:
+    """SOFTWARE, WITHOUT_UNITS, or "" for cards that trace in hardware."""
+    if kind == "cpu":
+        return SOFTWARE
+    # NVIDIA's cards without units for rays have ray pipelines and no ray queries.
+    return WITHOUT_UNITS if "query" not in usable else ""

@@ -78,10 +78,10 @@ def numbered(bindings: Mapping[str, Binding]) -> dict[str, Binding]:
 
 
 @cache
-def _of_package() -> dict[str, Binding]:
+def _of_package(rays: str) -> dict[str, Binding]:
     """The bindings that passes/layout.comp declares, as it is at the first call, without the bindless array, for which
     each set of lavapipe takes megabytes."""
-    declared = merge_bindings([reflect(compile_shader(_LAYOUT), _LAYOUT)])
+    declared = merge_bindings([reflect(compile_shader(_LAYOUT, rays=rays), _LAYOUT)])
     return {name: binding for name, binding in declared.items() if binding.count}
 
 
@@ -90,7 +90,7 @@ def shared_layout(device: Device, merged: Mapping[str, Binding]) -> dict[str, Bi
     if device.properties.kind != "cpu":
         return numbered(merged)
     # Software drivers compile a pipeline anew for each layout: with one for all frames, frames share pipelines.
-    return numbered({**_of_package(), **dict(sorted(merged.items()))})
+    return numbered({**_of_package("compute" if device.rays == "compute" else "query"), **dict(sorted(merged.items()))})
 
 
 def _shape(binding: Binding) -> dict[str, Any]:

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from solari_vk.base.errors import SolariError
 from solari_vk.gpu.device.compiling import announced
 from solari_vk.gpu.device.device import Device
+from solari_vk.gpu.device.rays import IN_WORDS
 from solari_vk.gpu.frame.ray_pipelines import RayGroups
 from solari_vk.gpu.frame.stages import Draw, HitGroup, Pass, RayPass, Step
 from solari_vk.gpu.shaders.compiler import COMMON_FEATURES, Roots, compile_shader, roots
@@ -68,7 +69,7 @@ class Modules(dict[ModuleKey, Module]):
 
     def _spirv(self, key: ModuleKey) -> bytes:
         return compile_shader(
-            key[0], header=key[1], root=self._sources, ray_pipelines=self._ray_pipelines, features=self._features
+            key[0], header=key[1], root=self._sources, rays=self._device.rays, features=self._features
         )
 
     def _shaders(self, item: Pass | Draw | Step) -> StepShaders:
@@ -77,8 +78,8 @@ class Modules(dict[ModuleKey, Module]):
         if isinstance(item, RayPass):
             if not self._ray_pipelines:
                 raise SolariError(
-                    f"pass {item.name}: it has hit and miss shaders of its own, but this device traces by ray queries: "
-                    "open it with rays='pipeline'"
+                    f"pass {item.name}: it has hit and miss shaders of its own, but this device traces by "
+                    f"{IN_WORDS[self._device.rays]}: open it with rays='pipeline'"
                 )
             return _ray_shaders(keys, item.misses, item.hits, item.header)
         # `compile_shader` has made a ray generation shader of a compute shader that traces.

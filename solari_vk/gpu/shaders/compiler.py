@@ -196,37 +196,33 @@ def has_many_views(path: str, sources: Sources | None = None) -> bool:
 
 
 def compile_shader(
-    path: str,
-    *,
-    header: str = "",
-    root: Roots | Sources | None = None,
-    ray_pipelines: bool = False,
-    features: bool = True,
+    path: str, *, header: str = "", root: Roots | Sources | None = None, rays: str = "query", features: bool = True
 ) -> bytes:
     """SPIR-V of the shader at `path` below a GLSL root ("passes/x/trace.comp"); the suffix is the stage.
 
     `header` is text for a variant, put after the #version and #extension lines. The shader and its includes are looked
     up in `root`, one folder or several, and then in the package's folder; or in Sources, which read each file once for
-    several shaders. `ray_pipelines`: for a device that traces rays by pipelines. `features`: whether features of scenes
+    several shaders. `rays`: how the device traces them. `features`: whether features of scenes
     are specialization constants, otherwise their code is left out. Raises CompilationError; SolariError if there is no
     such file, if neither a compiler nor a shipped module for exactly these sources is there, or for ray
     queries that no pipeline can replace.
     """
     sources = root if isinstance(root, Sources) else Sources(roots(root))
     spirv = _module(sources, path, header, features)
-    if not ray_pipelines or not ray_generation.uses_ray_queries(spirv):
+    if rays == "query" or not ray_generation.uses_ray_queries(spirv):
         return spirv
-    return _ray_generation_module(sources, path, header, features)
+    return _module_without_queries(sources, path, header, features, rays)
 
 
-def _ray_generation_module(sources: Sources, path: str, header: str, features: bool) -> bytes:
-    """The module of a compute shader that traces rays by pipelines. Raises as compile_shader."""
+def _module_without_queries(sources: Sources, path: str, header: str, features: bool, rays: str) -> bytes:
+    """The module of a compute shader that traces rays by pipelines or by compute. Raises as compile_shader."""
     if not path.endswith(".comp") or ray_generation.TRACE not in sources.closure(path):
         raise SolariError(f"{path}: {ray_generation.OWN_QUERIES}")
     try:
-        spirv = _module(sources, path, header, features, traces=True)
+        spirv = _module(sources, path, header, features, ray_generation.DEFINES[rays])
     except CompilationError as error:
-        raise CompilationError(f"{path}: {ray_generation.HINT}.\n{error}") from None
+        hint = f"{path}: {ray_generation.HINT}.\n" if rays == "pipeline" else ""
+        raise CompilationError(f"{hint}{error}") from None
     if ray_generation.uses_ray_queries(spirv):
         raise SolariError(f"{path}: {ray_generation.OWN_QUERIES}")
     return spirv
@@ -240,23 +236,23 @@ def _optimization(path: str) -> str:
     return "performance" if path in _OPTIMIZED and not overlays else "zero"
 
 
-def _defines(sources: Sources, path: str, features: bool, traces: bool) -> list[str]:
-    """The macros that are defined in a module of a shader."""
+def _defines(sources: Sources, path: str, features: bool, traces_by: str) -> list[str]:
+    """The macros that are defined in a module. traces_by: that of how it traces rays, "" by queries."""
     plain = not features and _has_features(sources, path)
-    return [_WITHOUT_FEATURES] * plain + [ray_generation.DEFINE] * traces
+    return [_WITHOUT_FEATURES] * plain + [traces_by] * bool(traces_by)
 
 
 def _has_features(sources: Sources, path: str) -> bool:
     return any(_WITHOUT_FEATURES.encode() in text for text in sources.closure(path).values())
 
 
-def _module(sources: Sources, path: str, header: str, features: bool, traces: bool = False) -> bytes:
-    """The module of a shader; `traces`: as a ray generation shader."""
+def _module(sources: Sources, path: str, header: str, features: bool, traces_by: str = "") -> bytes:
+    """The module of a shader. traces_by: as in `_defines`."""
     with _looking_up:
         file = sources.find(path)
         if file is None:
             raise SolariError(f"there is no shader {path} in {', '.join(map(str, sources.roots))}")
-        defines = _defines(sources, path, features, traces)
+        defines = _defines(sources, path, features, traces_by)
         source_key = _key(sources, path, header, defines)
         # A shipped module counts only for exactly these sources, whose texts are part of the key.
         for base in sources.roots:
@@ -321,10 +317,12 @@ def _shipped_modules(sources: Sources, path: str) -> Iterator[tuple[str, tuple[s
         if not features:
             name += ".plain"
         spirv = compile_shader(path, header=header, root=sources, features=features)
-        yield f"{name}.spv", (_key(sources, path, header, _defines(sources, path, features, False)), spirv)
+        yield f"{name}.spv", (_key(sources, path, header, _defines(sources, path, features, "")), spirv)
         if ray_generation.uses_ray_queries(spirv) and ray_generation.TRACE in sources.closure(path):
-            spirv = _ray_generation_module(sources, path, header, features)
-            yield f"{name}.rgen.spv", (_key(sources, path, header, _defines(sources, path, features, True)), spirv)
+            for rays, define in ray_generation.DEFINES.items():
+                spirv = _module_without_queries(sources, path, header, features, rays)
+                key = _key(sources, path, header, _defines(sources, path, features, define))
+                yield f"{name}.{rays}.spv", (key, spirv)
 
 
 if __name__ == "__main__":

@@ -13,6 +13,8 @@ from collections.abc import Iterator
 from solari_vk.gpu.shaders import spv
 
 DEFINE = "RAY_PIPELINES"
+DEFINES = {"pipeline": DEFINE, "compute": "RAYS_BY_COMPUTE"}
+"""What is defined in the modules of shaders that trace rays otherwise than by queries, by the method."""
 TRACE = "scene/trace.glsl"
 HINT = (
     "it traces rays, so that a device that traces by pipelines runs it as a ray generation shader: read the index of "

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
+from contextlib import ExitStack
 from itertools import pairwise
 from pathlib import Path
 
@@ -12,6 +13,7 @@ from support.frames import each_lighting, make_renderer, snapshot
 from support.seeded_bugs import Bug, expect_noticed, seeded
 
 import solari_vk as sv
+from solari_vk.gpu.device.rays import RAYS
 from solari_vk.lab.measure.portals import window_room
 from solari_vk.scene.builtin import place
 
@@ -35,15 +37,16 @@ SIZE = (24, 16)
 @pytest.fixture(scope="module")
 def devices(any_device):
     """A device for each way to trace rays, with validation."""
-    with sv.Device(validation=True, rays="query") as query, sv.Device(validation=True, rays="pipeline") as pipeline:
-        yield {"query": query, "pipeline": pipeline}
+    with ExitStack() as opened:
+        yield {way: opened.enter_context(sv.Device(validation=True, rays=way)) for way in RAYS}
 
 
 def differing(pictures):
-    """The names of the arrays that differ between the two ways; `pictures` makes the arrays of a way by name."""
-    query, pipeline = pictures("query"), pictures("pipeline")
-    assert query.keys() == pipeline.keys()
-    return [name for name in query if query[name].tobytes() != pipeline[name].tobytes()]
+    """The arrays that differ from those by queries; `pictures` makes the arrays of a way by name."""
+    found = {way: pictures(way) for way in RAYS}
+    query = found["query"]
+    assert all(arrays.keys() == query.keys() for arrays in found.values())
+    return [(way, name) for way in found for name in query if found[way][name].tobytes() != query[name].tobytes()]
 
 
 def frames_of(renderer, camera, count):
@@ -157,8 +160,9 @@ def by_queries(devices):
     return single_rays(devices["query"])
 
 
-def test_single_rays_are_equal(devices, by_queries):
-    found = single_rays(devices["pipeline"])
+@pytest.mark.parametrize("way", ["pipeline", "compute"])
+def test_single_rays_are_equal(devices, by_queries, way):
+    found = single_rays(devices[way])
     assert not [name for name, array in by_queries.items() if array.tobytes() != found[name].tobytes()]
 
 
@@ -166,9 +170,25 @@ BUGS = {
     "faces forgotten": Bug("scene/trace.rchit", "main", "correct(); ray_payload.instance |= 1u;"),
     "misses are hits": Bug("scene/trace.rmiss", "main", "ray_payload.instance = 0u;"),
 }
+BUGS_BY_COMPUTE = {
+    "a box is missed": Bug(
+        "scene/trace_compute.glsl", "meets_box", "return correct(ray, low, high, t_min, t_max, near) && near > 0.01;"
+    ),
+    "triangles are closed at two edges": Bug(
+        "scene/trace_compute.glsl",
+        "meets_triangle",
+        "return correct(ray, triangle, found, front_face) && found.y > 0.01;",
+    ),
+    "faces are forgotten": Bug(
+        "scene/trace_compute.glsl",
+        "meets_triangle",
+        "bool met = correct(ray, triangle, found, front_face); front_face = true; return met;",
+    ),
+}
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", BUGS)
+@pytest.mark.parametrize("name", [*BUGS, *BUGS_BY_COMPUTE])
 def test_a_seeded_bug_is_noticed(devices, by_queries, name):
-    expect_noticed(BUGS[name], name, test_single_rays_are_equal, devices, by_queries)
+    way = "compute" if name in BUGS_BY_COMPUTE else "pipeline"
+    expect_noticed((BUGS | BUGS_BY_COMPUTE)[name], name, test_single_rays_are_equal, devices, by_queries, way)

@@ -1,0 +1,193 @@
+// Tracing rays through the trees of scene/trees/ in the shader itself, for devices without ray queries, and for those
+// on which this is faster. scene/trace.glsl includes it; the hits are those of ray queries.
+#ifndef SCENE_TRACE_COMPUTE_GLSL
+#define SCENE_TRACE_COMPUTE_GLSL
+
+#include "scene/trees/tree.glsl"
+
+// VkGeometryInstanceFlagsKHR.
+const uint FACING_CULL_DISABLE = 1u;
+const uint FORCE_NO_OPAQUE = 8u;
+// In the stack between what is left of the tree over instances and of a mesh's. No leaf has this number.
+const uint MESH_ENDS = 0xFFFFFFFFu;
+// A ray leaves at most one child of each node behind.
+const uint STACK_SIZE = 2u * MAX_TREE_HEIGHT + 2u;
+const float LEAST_DIRECTION = 1e-37;  // its inverse is finite
+
+// A ray in world space, or in that of a mesh.
+struct TreeRay {
+    vec3 origin;
+    vec3 inverse;  // of the direction
+    vec3 shear;    // x and y over z of the direction in its own order of axes, and the inverse of z
+    uint longest;  // axis of the direction, which is z in that order
+    bool swaps;    // x and y change places, so that triangles keep their winding
+};
+
+TreeRay make_tree_ray(vec3 origin, vec3 direction) {
+    TreeRay ray;
+    ray.origin = origin;
+    vec3 size = abs(direction);
+    vec3 nonzero = mix(direction, vec3(LEAST_DIRECTION), lessThan(size, vec3(LEAST_DIRECTION)));
+    ray.inverse = 1.0 / nonzero;
+    ray.longest = size.x >= size.y ? (size.x >= size.z ? 0u : 2u) : (size.y >= size.z ? 1u : 2u);
+    return ray;
+}
+
+// A vector in the order of axes that ends with the longest of the direction.
+vec3 in_order(TreeRay ray, vec3 v) {
+    vec3 ordered = ray.longest == 0u ? v.yzx : ray.longest == 1u ? v.zxy : v;
+    return ray.swaps ? ordered.yxz : ordered;
+}
+
+void prepare_triangles(inout TreeRay ray, vec3 direction) {
+    ray.swaps = direction[ray.longest] < 0.0;
+    precise vec3 d = in_order(ray, direction);
+    precise float z = 1.0 / d.z;
+    ray.shear = vec3(d.xy * z, z);
+}
+
+// Whether a ray meets a box within [t_min, t_max], and where. Rounds outwards: Ize, "Robust BVH Ray Traversal" (2013).
+bool meets_box(TreeRay ray, vec3 low, vec3 high, float t_min, float t_max, out float near) {
+    vec3 a = (low - ray.origin) * ray.inverse, b = (high - ray.origin) * ray.inverse;
+    vec3 first = min(a, b), last = max(a, b);
+    near = max(max(first.x, first.y), max(first.z, t_min));
+    float far = min(min(last.x, last.y), last.z) * 1.0000008;
+    return near <= min(far, t_max);
+}
+
+// Where a ray meets a triangle: t, and the weights of the second and third vertex. Neighbors leave no gap between
+// them: Woop, Benthin and Wald, "Watertight Ray/Triangle Intersection" (2013).
+bool meets_triangle(TreeRay ray, TreeTriangle triangle, out vec3 found, out bool front_face) {
+    precise vec3 a = in_order(ray, triangle.a - ray.origin);
+    precise vec3 b = in_order(ray, triangle.b - ray.origin);
+    precise vec3 c = in_order(ray, triangle.c - ray.origin);
+    precise vec2 p = a.xy - ray.shear.xy * a.z, q = b.xy - ray.shear.xy * b.z, r = c.xy - ray.shear.xy * c.z;
+    // Most triangles are missed by more than rounding: 2^-24 of each product and of their difference.
+    vec3 gains = vec3(r.x * q.y, p.x * r.y, q.x * p.y), losses = vec3(r.y * q.x, p.y * r.x, q.y * p.x);
+    vec3 edges = gains - losses, rounding = 4.0 * ROUNDING_UNIT * (abs(gains) + abs(losses));
+    if (any(lessThan(edges, -rounding)) && any(greaterThan(edges, rounding))) { return false; }
+    // Of the others the signs decide exactly which of two neighbors is hit.
+    precise dvec2 P = dvec2(p), Q = dvec2(q), R = dvec2(r);
+    precise double u = R.x * Q.y - R.y * Q.x, v = P.x * R.y - P.y * R.x, w = Q.x * P.y - Q.y * P.x;
+    bool any_below = u < 0.0 || v < 0.0 || w < 0.0, any_above = u > 0.0 || v > 0.0 || w > 0.0;
+    precise double determinant = u + (v + w);
+    front_face = determinant > 0.0;
+    if ((any_below && any_above) || determinant == 0.0) { return false; }
+    precise dvec3 depth = double(ray.shear.z) * dvec3(a.z, b.z, c.z);
+    precise double t = (u * depth.x + v * depth.y) + w * depth.z;
+    precise float area = float(determinant);
+    found = vec3(float(t / determinant), float(v) / area, float(w) / area);
+    return true;
+}
+
+// The closest hit of a ray, or the first that is found with TRACE_ANY_HIT. is_shadow: `through` becomes what blended
+// surfaces on the way let through, in place of deciding at random which of them the ray passes.
+Hit traverse(
+    uvec2 structure, vec3 origin, float t_min, vec3 direction, float t_max, uint mask, uint flags, uvec2 alpha_seed,
+    const bool is_shadow, inout RayTransmittance through
+) {
+    Hit hit = NO_HIT;
+    uint passed_edges = 0u;
+    uint stack[STACK_SIZE];
+    uint top = 0u;
+    TreeRay ray = make_tree_ray(origin, direction);
+    uvec2 nodes = structure;
+    uvec2 instances_behind = leaves_behind(structure, TreeNodes(structure).at[0].slot_count);
+    TreeInstance instance;
+    bool in_mesh = false;
+    uint next = TreeNodes(nodes).at[0].first;
+    if (next == NO_ROOT) { return hit; }
+    while (true) {
+        if ((next & LEAF) == 0u) {
+            TreeNode node = TreeNodes(nodes).at[next];
+            float first, second;
+            bool meets_first = meets_box(ray, node.first_low, node.first_high, t_min, t_max, first);
+            bool meets_second = meets_box(ray, node.second_low, node.second_high, t_min, t_max, second);
+            if (meets_first && meets_second) {
+                bool second_is_nearer = second < first;
+                stack[top++] = second_is_nearer ? node.first : node.second;
+                next = second_is_nearer ? node.second : node.first;
+                continue;
+            }
+            if (meets_first || meets_second) {
+                next = meets_first ? node.first : node.second;
+                continue;
+            }
+        } else if (next == MESH_ENDS) {
+            ray = make_tree_ray(origin, direction);
+            nodes = structure;
+            in_mesh = false;
+        } else if (!in_mesh) {
+            instance = TreeInstances(instances_behind).at[next & LEAF_FIRST_MASK];
+            if ((instance.mask & mask) != 0u) {
+                precise vec3 from, along;
+                for (uint axis = 0u; axis < 3u; axis++) {
+                    vec4 row = instance.object_from_world[axis];
+                    from[axis] = ((row.w + origin.x * row.x) + origin.y * row.y) + origin.z * row.z;
+                    along[axis] = (direction.x * row.x + direction.y * row.y) + direction.z * row.z;
+                }
+                ray = make_tree_ray(from, along);
+                prepare_triangles(ray, along);
+                stack[top++] = MESH_ENDS;
+                nodes = instance.nodes;
+                in_mesh = true;
+                next = TreeNodes(nodes).at[0].first;
+                continue;
+            }
+        } else {
+            uint begin = next & LEAF_FIRST_MASK;
+            uint end = begin + ((next & ~LEAF) >> LEAF_COUNT_SHIFT) + 1u;
+            for (uint place = begin; place < end; place++) {
+                TreeTriangle triangle = TreeTriangles(instance.triangles).at[place];
+                vec3 found;
+                bool front_face;
+                if (!meets_triangle(ray, triangle, found, front_face)) { continue; }
+                if (!(found.x > t_min && found.x < t_max)) { continue; }
+                bool hides_back = (instance.flags & FACING_CULL_DISABLE) == 0u;
+                if (flags == TRACE_FRONT_FACES && hides_back && !front_face) { continue; }
+                if (SCENE_ALPHA && (instance.flags & FORCE_NO_OPAQUE) != 0u) {
+                    vec4 filter_opacity = resolve_filter_opacity(
+                        instance.row, triangle.number, found.yz, direction, flags == TRACE_FRONT_FACES
+                    );
+                    if (is_shadow) {
+                        if (filter_opacity.w < 1.0) {
+                            if (SCENE_BLEND) {
+                                attenuate_by_surface(
+                                    through, passed_edges, filter_opacity, instance.row, triangle.number, found.yz
+                                );
+                            }
+                            continue;
+                        }
+                    } else if (!accepts_hit(filter_opacity.w, alpha_seed, instance.row, triangle.number, found.yz)) {
+                        continue;
+                    }
+                }
+                hit = Hit(found.x, instance.row, triangle.number, found.yz, front_face);
+                if (flags == TRACE_ANY_HIT) { return hit; }
+                t_max = found.x;
+            }
+        }
+        if (top == 0u) { break; }
+        next = stack[--top];
+    }
+    return hit;
+}
+
+Hit trace_closest_hit(vec3 origin, float t_min, vec3 direction, float t_max, uint flags, uvec2 alpha_seed) {
+    RayTransmittance through = FULL_TRANSMITTANCE;
+    return traverse(tlas, origin, t_min, direction, t_max, SCENE_MASK, flags, alpha_seed, false, through);
+}
+
+// Returns whether nothing opaque is hit. Both faces of every triangle cast shadows.
+bool trace_transmittance_in(
+    Structure structure, vec3 origin, float t_min, vec3 direction, float t_max, uint mask,
+    out RayTransmittance through
+) {
+    through = FULL_TRANSMITTANCE;
+    Hit hit = traverse(
+        structure, origin, t_min, direction, t_max, mask, TRACE_ANY_HIT, uvec2(0u), true, through
+    );
+    return hit.instance == NO_INDEX;
+}
+
+#endif

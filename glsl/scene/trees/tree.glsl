@@ -1,0 +1,73 @@
+// Trees of boxes that rays traverse without the driver's acceleration structures: one over the triangles of each mesh,
+// and one over instances above them. solari_vk/gpu/trees/ makes their memory, build.comp builds them, and
+// scene/trace_compute.glsl traverses them.
+#ifndef SCENE_TREES_TREE_GLSL
+#define SCENE_TREES_TREE_GLSL
+
+#extension GL_EXT_scalar_block_layout : require
+#extension GL_EXT_buffer_reference : require
+#extension GL_EXT_buffer_reference_uvec2 : require
+
+// A node holds the boxes of both children, so that one load decides which of them a ray visits: Aila and Laine,
+// "Understanding the Efficiency of Ray Traversal on GPUs" (2009). A child is the slot of a node, or a leaf. Slot 0 is
+// the entrance, whose first child is the root; without a root it is NO_ROOT. It has no second child.
+struct TreeNode {
+    vec3 first_low;
+    uint first;
+    vec3 first_high;
+    uint slot_count;  // of the whole tree, in slot 0; the leaves lie behind that many slots
+    vec3 second_low;
+    uint second;
+    vec3 second_high;
+    uint unused;
+};
+
+// A leaf's bits, from the highest: LEAF, the number of its primitives less one, and where the first of them is.
+const uint LEAF = 1u << 31;
+const uint LEAF_COUNT_SHIFT = 28u;
+const uint LEAF_FIRST_MASK = (1u << LEAF_COUNT_SHIFT) - 1u;
+const uint MAX_LEAF_TRIANGLES = 4u;
+const uint NO_ROOT = 0u;
+// No path from a root to a leaf has more nodes.
+const uint MAX_TREE_HEIGHT = 32u;
+
+struct TreeTriangle {
+    vec3 a;
+    uint number;  // of the triangle in the mesh
+    vec3 b;
+    uint unused_1;
+    vec3 c;
+    uint unused_2;
+};
+
+struct TreeInstance {
+    vec4 object_from_world[3];  // rows
+    uvec2 nodes;                // of the mesh's tree
+    uvec2 triangles;
+    uint row;                   // into `instances`
+    uint mask;
+    uint flags;                 // VkGeometryInstanceFlagsKHR
+    uint unused;
+};
+
+layout(buffer_reference, scalar, buffer_reference_align = 16) readonly buffer TreeNodes { TreeNode at[]; };
+layout(buffer_reference, scalar, buffer_reference_align = 16) readonly buffer TreeTriangles { TreeTriangle at[]; };
+layout(buffer_reference, scalar, buffer_reference_align = 16) readonly buffer TreeInstances { TreeInstance at[]; };
+
+const uint TREE_NODE_BYTES = 64u;
+
+// The address that lies `bytes` behind another.
+uvec2 address_behind(uvec2 address, uint bytes) {
+    uint carry;
+    uint low = uaddCarry(address.x, bytes, carry);
+    return uvec2(low, address.y + carry);
+}
+
+// Where the leaves of a tree of so many slots begin; slots are counted in 64 bytes, which may add up to more than 32
+// bits have.
+uvec2 leaves_behind(uvec2 nodes, uint slot_count) {
+    uvec2 carried = address_behind(nodes, slot_count << 6u);
+    return uvec2(carried.x, carried.y + (slot_count >> 26u));
+}
+
+#endif

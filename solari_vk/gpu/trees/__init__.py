@@ -1,0 +1,1 @@
+"""Trees of boxes over triangles and instances, which compute shaders build and traverse."""

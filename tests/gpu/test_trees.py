@@ -1,0 +1,184 @@
+"""Trees that compute shaders build: each primitive is in one leaf, boxes contain, and no tree is too high."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from support.seeded_bugs import Bug, expect_noticed
+
+import solari_vk as sv
+from solari_vk.bound.spatial_order import spatial_order
+from solari_vk.gpu.acceleration.geometry import TriangleGeometry
+from solari_vk.gpu.trees import tree as tree_module
+from solari_vk.gpu.trees.tree import NODE_BYTES, MeshTree, build_meshes
+
+LEAF = 1 << 31
+LEAF_FIRST = (1 << 28) - 1
+MAX_HEIGHT = 32
+NODE_COST = 1.2
+
+
+def half_areas(boxes):
+    size = boxes[..., 1, :] - boxes[..., 0, :]
+    return size[..., 0] * size[..., 1] + size[..., 1] * size[..., 2] + size[..., 2] * size[..., 0]
+
+
+def built(device, corners):
+    """The nodes and the triangles of the tree over corners (N, 3, 3), which are in spatial order."""
+    positions = np.ascontiguousarray(corners.reshape(-1, 3), np.float32)
+    indices = np.arange(len(positions), dtype=np.uint32)
+    buffers = [device.buffer(max(array.nbytes, 16), "mesh") for array in (positions, indices)]
+    for buffer, array in zip(buffers, (positions, indices), strict=True):
+        if array.nbytes:
+            buffer.upload(array)
+    geometry = TriangleGeometry(buffers[0].address, len(positions), len(corners), buffers[1].address)
+    tree = MeshTree(device, geometry, "test")
+    build_meshes(device, [tree])
+    found = np.array(tree.buffer.read())
+    for owned in (*buffers, tree):
+        owned.destroy()
+    end = NODE_BYTES * tree.slot_count
+    return found[:end].view(np.float32).reshape(-1, 4, 4), found[end:].view(np.float32).reshape(-1, 3, 4)
+
+
+def walk(nodes, triangles):
+    """The numbers of the triangles in leaves, the height, and the cost of the surface area heuristic. Fails where a box
+    doesn't contain what is below it."""
+    references = nodes[..., 3].view(np.uint32)
+    numbers = triangles[:, 0, 3].view(np.uint32)
+    found, height, cost = [], 0, 0.0
+    root = references[0, 0]
+    waiting = [(root, nodes[0, :2, :3], 0)] if root else []
+    while waiting:
+        reference, box, depth = waiting.pop()
+        height = max(height, depth)
+        area = half_areas(box.astype(float))
+        if reference & LEAF:
+            first = reference & LEAF_FIRST
+            inside = triangles[first : first + (reference >> 28 & 7) + 1, :, :3]
+            assert (inside >= box[0]).all()
+            assert (inside <= box[1]).all()
+            found += numbers[first : first + len(inside)].tolist()
+            cost += area * len(inside)
+            continue
+        cost += NODE_COST * area
+        for child, reference_at in ((nodes[reference, :2, :3], 0), (nodes[reference, 2:, :3], 2)):
+            assert (child[0] >= box[0]).all()
+            assert (child[1] <= box[1]).all()
+            waiting.append((references[reference, reference_at], child, depth + 1))
+    return found, height, cost / max(half_areas(nodes[0, :2, :3].astype(float)), 1e-30)
+
+
+def soup(kind, count):
+    rng = np.random.default_rng(count)
+    centers = rng.random((count, 1, 3))
+    corners = centers + 0.02 * rng.normal(size=(count, 3, 3))
+    if kind == "equal":
+        corners[:] = corners[0]
+    elif kind == "points":
+        corners = np.repeat(centers, 3, axis=1)
+    elif kind == "slivers":
+        corners[:, 1] = corners[:, 0] + 1e3 * (corners[:, 1] - corners[:, 0])
+        corners[:, 2] = corners[:, 0] + 1e-3 * (corners[:, 2] - corners[:, 0])
+    elif kind == "line":
+        corners[..., 1:] *= 1e-6
+    corners = corners.astype(np.float32)
+    return corners[spatial_order(corners.min(axis=1), corners.max(axis=1))]
+
+
+@pytest.mark.parametrize("kind", ["plain", "equal", "points", "slivers", "line"])
+@pytest.mark.parametrize("count", [1, 2, 3, 255, 257, 3000])
+def test_each_triangle_is_in_one_leaf(device, kind, count):
+    nodes, triangles = built(device, soup(kind, count))
+    found, height, _ = walk(nodes, triangles)
+    assert sorted(found) == list(range(count))
+    assert height <= MAX_HEIGHT
+
+
+def test_what_no_ray_can_hit_is_in_no_leaf(device):
+    corners = soup("plain", 500)
+    corners[::3, 1, 2] = np.nan
+    corners[1::3, 0, 0] = np.inf
+    found, _, _ = walk(*built(device, corners))
+    assert sorted(found) == list(range(2, 500, 3))
+    assert walk(*built(device, np.full((4, 3, 3), np.nan, np.float32)))[0] == []
+
+
+def test_equal_inputs_give_equal_trees(device):
+    corners = soup("plain", 3000)
+    first, second = (built(device, corners) for _ in range(2))
+    used = walk(*first)
+    assert used == walk(*second)
+    np.testing.assert_array_equal(first[1], second[1])
+
+
+def binned_cost(corners):
+    """The cost of a tree that is split where the surface area heuristic says, among 16 planes an axis: Wald, "On fast
+    Construction of SAH-based Bounding Volume Hierarchies" (2007)."""
+    boxes = np.stack([corners.min(axis=1), corners.max(axis=1)], axis=1).astype(float)
+
+    def cost_of(members):
+        own = np.stack([members[:, 0].min(axis=0), members[:, 1].max(axis=0)])
+        area = half_areas(own)
+        as_leaf = area * len(members)
+        if len(members) <= 1:
+            return as_leaf
+        centers = members.sum(axis=1)
+        best, parts = np.inf, None
+        for axis in range(3):
+            low, high = centers[:, axis].min(), centers[:, axis].max()
+            bins = np.minimum((16 * (centers[:, axis] - low) / max(high - low, 1e-30)).astype(int), 15)
+            for plane in range(1, 16):
+                left = bins < plane
+                if left.all() or not left.any():
+                    continue
+                sides = [members[left], members[~left]]
+                ends = [np.stack([side[:, 0].min(axis=0), side[:, 1].max(axis=0)]) for side in sides]
+                split = sum(half_areas(end) * len(side) for end, side in zip(ends, sides, strict=True))
+                if split < best:
+                    best, parts = split, sides
+        if parts is None:
+            parts = [members[: len(members) // 2], members[len(members) // 2 :]]
+        as_node = NODE_COST * area + sum(map(cost_of, parts))
+        return min(as_leaf, as_node) if len(members) <= 4 else as_node
+
+    whole = np.stack([boxes[:, 0].min(axis=0), boxes[:, 1].max(axis=0)])
+    return cost_of(boxes) / half_areas(whole)
+
+
+@pytest.mark.parametrize("kind", ["plain", "torus"])
+def test_trees_are_as_good_as_binned_ones(device, kind):
+    corners = soup(kind, 1500)
+    if kind == "torus":
+        mesh = sv.shapes.torus(1.0, 0.3)
+        corners = mesh.positions[mesh.triangles]
+        corners = corners[spatial_order(corners.min(axis=1), corners.max(axis=1))]
+    _, _, cost = walk(*built(device, corners))
+    assert cost <= 1.15 * binned_cost(corners)
+
+
+BUGS = {
+    "a box too small by one ulp": Bug(
+        "scene/trees/build.comp",
+        "merge",
+        "correct(node, first, second); vec3 high = build.clusters.at[node].high; "
+        "build.clusters.at[node].high = uintBitsToFloat(floatBitsToUint(high) - 1u);",
+    ),
+    "a leaf of one triangle less": Bug("scene/trees/build.comp", "reference_of", "return correct(child, place + 1u);"),
+    "the nearest is never found": Bug("scene/trees/build.comp", "nearest_cluster", "return place;"),
+}
+
+
+def check_with_new_kernel(device):
+    tree_module._kernels.clear()
+    try:
+        test_each_triangle_is_in_one_leaf(device, "plain", 257)
+        test_trees_are_as_good_as_binned_ones(device, "plain")
+    finally:
+        tree_module._kernels.clear()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", BUGS)
+def test_a_seeded_bug_is_noticed(device, name):
+    expect_noticed(BUGS[name], name, check_with_new_kernel, device)
