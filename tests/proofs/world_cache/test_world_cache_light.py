@@ -177,20 +177,23 @@ def test_cells_double_with_distance(shaders):
         assert (error <= 4 * np.sqrt(share * (1 - share) / count) + 1e-3).all(), np.round(error, 4)
 
 
-def light_behind_a_wall(device, prevention="divided", x=0.0):
+def light_behind_a_wall(device, prevention="divided", x=0.0, frames=30):
     """The mean light of queries behind a wall at x, while all light is in front of the wall."""
     scene = sv.builtin("thin_wall")
     scene.instances["wall"].transform = place(at=(x, 0, 0))
     before, behind = (sv.Camera.look_at((eye, 1.0, 0.0), (2 * eye, 1, 0)) for eye in (-0.7, 0.7))
     with CacheFrame(device, scene, settings(world_cache_leak_prevention=prevention)) as frame:
-        for _ in range(15):
+        for _ in range(frames):
             frame.run(1, before)
             frame.run(1, behind)
         return np.mean([frame.run(1, behind)["answers"].mean() for _ in range(4)])
 
 
 def test_thin_wall(device):
-    """No light leaks through a thin wall. As a control, light leaks with cells that extend through the wall."""
+    """No light leaks through a thin wall. As a control, light leaks with cells that extend through the wall.
+
+    What leaked before such cells were found, up to 0.004, fades by 4 % a frame. After 30 frames 0.00044 was left, with
+    a standard deviation of 0.00009 over seeds, so that the bar is 6 of these away."""
     for x in (0.0, 0.075):
         assert light_behind_a_wall(device, x=x) < 1e-3, x
     assert light_behind_a_wall(device, "finest", x=0.075) > 5e-3
