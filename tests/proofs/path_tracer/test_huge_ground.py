@@ -86,6 +86,17 @@ def test_illuminance(device):
     check_illuminance(device)
 
 
+@pytest.mark.parametrize("slope", [0.0, 1e-6, 1e-3])
+def test_rays_leave_what_slopes_a_little(device, slope):
+    """Rays that met the floor which they leave would find the sun below it: the upper side is black."""
+    scene = sv.Scene()
+    scene.add(shapes.quad((0.3, 0, 0.2), (4, 4 * slope, 0), (0, 3 * slope, -4)), sv.Material(base_color=1.0))
+    scene.add(sv.DirectionalLight((0.2, 1, 0.3), illuminance=1e5))
+    camera = sv.Camera.look_at((0.5, 1.7, 1), (0, 0, -1), fov=90)
+    with sv.PathTracer(device, scene, (64, 32), max_bounces=2) as tracer:
+        assert not tracer.render(camera, samples=64)["radiance"].any()
+
+
 SURFACE = "scene/surface.glsl"
 test_a_seeded_bug_is_noticed = bug_tests(
     {
