@@ -224,7 +224,12 @@ ENTRY_POINTS = [path for path in SHADERS if path.suffix in STAGES]
 SUITE = GLSL / "passes" / "conformance"
 LAYOUT = GLSL / "passes" / "layout.comp"  # declares what others bind
 TENSORS = ("transforms", "cameras", "views", "views_ball", "vertices", "bounds", "texels", "smaller_level", "materials")
-KERNELS = {"scene/deform.comp", "scene/trees/build.comp", *(f"scene/tensors/{name}.comp" for name in TENSORS)}
+KERNELS = {
+    "scene/deform.comp",
+    "scene/trees/build.comp",
+    "scene/trees/refit.comp",
+    *(f"scene/tensors/{name}.comp" for name in TENSORS),
+}
 """Run outside of frames, and write by address: gpu/frame/kernel.py."""
 
 

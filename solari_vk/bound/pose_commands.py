@@ -18,7 +18,7 @@ from solari_vk.gpu.device.storage import Storage
 from solari_vk.gpu.frame.kernel import Kernel
 from solari_vk.gpu.frame.stopwatch import Stopwatch
 from solari_vk.gpu.structures import traces_by_compute
-from solari_vk.gpu.trees.tree import MeshTree, TreeBuilds
+from solari_vk.gpu.trees.tree import TreeBuilds, TreeRefits
 from solari_vk.scene.matrices import by_columns
 
 # The parts of the device's work that `PoseCommands.stopwatch` times.
@@ -114,10 +114,9 @@ class PoseCommands:
         builds = [(posed, not posed.rebuilds) for posed in posed_meshes if posed.blases]
         self._device.start_with_next(lambda commands: self._record(commands, posed_meshes, builds), "pose meshes")
         at = clock.tick()
-        if traces_by_compute(self._device):
-            return
         for posed, update in builds:
-            posed.blases[posed.side].mark_built(at, update=update)
+            if not traces_by_compute(self._device):
+                posed.blases[posed.side].mark_built(at, update=update)
             posed.refits = posed.refits + 1 if update else 0
             if not update:
                 posed.built_area = posed.area
@@ -149,7 +148,7 @@ class PoseCommands:
     def _record_builds(self, commands: raw.CData, builds: list[tuple[PosedMesh, bool]]) -> None:
         vk = self._device.vk
         if traces_by_compute(self._device):
-            self._record_trees(commands, [posed.blases[posed.side] for posed, _ in builds])
+            self._record_trees(commands, builds)
             return
         sizes = [scratch_size(self._device, posed.blases[posed.side], update) for posed, update in builds]
         address = self._scratch_address(sum(sizes))
@@ -163,12 +162,19 @@ class PoseCommands:
         vk.vkCmdBuildAccelerationStructuresKHR(commands, len(builds), infos_array, ranges_array)
         vk.vkCmdPipelineBarrier2(commands, full_barrier())
 
-    def _record_trees(self, commands: raw.CData, structures: list[MeshTree]) -> None:
-        """Record builds of trees, which are as quick as those of a frame's poses need, so that none is refitted."""
-        builds = TreeBuilds(self._device, [(tree, tree.job) for tree in structures])
-        builds.record(commands)
+    def _record_trees(self, commands: raw.CData, poses: list[tuple[PosedMesh, bool]]) -> None:
+        """Record builds of trees, and refits of each from the other side's."""
+        built = [posed.blases[posed.side] for posed, update in poses if not update]
+        fitted = [(posed.blases[posed.side], posed.blases[1 - posed.side]) for posed, update in poses if update]
+        builds, refits = (
+            TreeBuilds(self._device, [(tree, tree.job) for tree in built]),
+            TreeRefits(self._device, fitted),
+        )
+        for work in (builds, refits):
+            work.record(commands)
         builds.mark_built()
-        builds.destroy()  # when the submission is done
+        for work in (builds, refits):
+            work.destroy()  # when the submission is done
 
     def _scratch_address(self, size: int) -> int:
         if self._scratch is None or self._scratch[2] < size:

@@ -25,7 +25,7 @@ def traces_by_compute(device: Device) -> bool:
 def mesh_structure(device: Device, geometry: TriangleGeometry, name: str, *, moves: bool = False) -> MeshStructure:
     """A structure over the triangles of a mesh, which isn't built yet. moves: it is built again for other positions."""
     if traces_by_compute(device):
-        return trees.MeshTree(device, geometry, name)
+        return trees.MeshTree(device, geometry, name, moves=moves)
     if moves:
         return Blas(device, [geometry], allow_compaction=False, name=name, update_mode=UpdateMode.PREFER_UPDATE)
     return Blas(device, [geometry], name=name)

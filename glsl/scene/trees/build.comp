@@ -61,7 +61,7 @@ struct TreeBuild {
     uint count;                 // of triangles or instances
     uint slot_count;
     uint is_of_instances;
-    uint unused;
+    uint keeps_all;             // triangles that no ray can hit too, since they may move
 };
 
 layout(buffer_reference, scalar, buffer_reference_align = 8) readonly buffer TreeBuilds { TreeBuild at[]; };
@@ -123,7 +123,9 @@ bool triangle_box(uint number, out vec3 low, out vec3 high) {
     vec3 a = build.corners.at[corners.x], b = build.corners.at[corners.y], c = build.corners.at[corners.z];
     low = min(min(a, b), c);
     high = max(max(a, b), c);
-    return is_finite(a) && is_finite(b) && is_finite(c);
+    bool finite = is_finite(a) && is_finite(b) && is_finite(c);
+    if (!finite) { low = high = vec3(0.0); }
+    return finite || build.keeps_all != 0u;
 }
 
 // Returns whether rays can hit an instance: one without a mesh they can't, nor one whose mesh has no triangles.

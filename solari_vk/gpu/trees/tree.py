@@ -1,4 +1,5 @@
-"""Trees of boxes over the triangles of a mesh, or over instances, and their builds by glsl/scene/trees/build.comp.
+"""Trees of boxes over the triangles of a mesh, or over instances: builds by glsl/scene/trees/build.comp, and refits of
+meshes that move by refit.comp.
 
 They take the place of acceleration structures on devices whose rays are traced by compute: a MeshTree that of a Blas, a
 SceneTree that of a Tlas, of whose interface they have what scenes need.
@@ -36,17 +37,24 @@ GROUP_SIZE = 256  # threads that build a tree
 MAX_GROUPS = 65535  # of one dispatch, on any device
 BUILD_DTYPE = np.dtype(
     [(name, "<u8") for name in ("corners", "indices", "instances", "nodes", "clusters", "lists")]
-    + [(name, "<u4") for name in ("count", "slot_count", "is_of_instances", "unused")]
+    + [(name, "<u4") for name in ("count", "slot_count", "is_of_instances", "keeps_all")]
 )
 """TreeBuild of build.comp."""
 
-_kernels: WeakKeyDictionary[Device, Kernel] = WeakKeyDictionary()
+REFIT_DTYPE = np.dtype(
+    [(name, "<u8") for name in ("corners", "indices", "source", "fitted")]
+    + [(name, "<u4") for name in ("slot_count", "triangle_count")]
+)
+"""TreeRefit of refit.comp."""
+
+_kernels: WeakKeyDictionary[Device, dict[str, Kernel]] = WeakKeyDictionary()
 
 
-def _kernel(device: Device) -> Kernel:
-    if device not in _kernels:
-        _kernels[device] = Kernel(device, "scene/trees/build.comp")
-    return _kernels[device]
+def _kernel(device: Device, name: str) -> Kernel:
+    made = _kernels.setdefault(device, {})
+    if name not in made:
+        made[name] = Kernel(device, f"scene/trees/{name}.comp")
+    return made[name]
 
 
 class Tree:
@@ -75,17 +83,25 @@ class Tree:
 
 
 class MeshTree(Tree):
-    """A tree over the triangles of a mesh in device memory, which come in spatial order."""
+    """A tree over the triangles of a mesh in device memory, which come in spatial order. moves: it can be refitted."""
 
-    def __init__(self, device: Device, geometry: TriangleGeometry, name: str) -> None:
+    def __init__(self, device: Device, geometry: TriangleGeometry, name: str, *, moves: bool = False) -> None:
         super().__init__(device, geometry.triangle_count, TRIANGLE_BYTES, name)
         self.geometry = geometry
+        self.moves = moves
+        if moves:
+            self.buffer.fill()  # refits look at all slots, also at those without nodes
 
     @property
     def job(self) -> dict[str, int]:
         """What a build of it reads."""
         geometry = self.geometry
-        return {"corners": geometry.positions, "indices": geometry.indices, "count": geometry.triangle_count}
+        return {
+            "corners": geometry.positions,
+            "indices": geometry.indices,
+            "count": geometry.triangle_count,
+            "keeps_all": int(self.moves),
+        }
 
 
 class SceneTree(Tree):
@@ -105,7 +121,7 @@ class TreeBuilds:
         self.trees = [tree for tree, _ in jobs]
         counts = [read["count"] for _, read in jobs]
         with device.undone_on_error():
-            self._kernel = _kernel(device)
+            self._kernel = _kernel(device, "build")
             self._scratch = device.buffer(max(SCRATCH_BYTES * sum(counts), 16), "scratch of trees")
             self._records = device.buffer(max(BUILD_DTYPE.itemsize * len(jobs), 16), "builds of trees")
         clusters = self._scratch.address
@@ -138,6 +154,42 @@ class TreeBuilds:
     def destroy(self) -> None:
         """Free the scratch when the work submitted so far is done."""
         self._scratch.destroy()
+        self._records.destroy()
+
+
+class TreeRefits:
+    """Refits of trees over meshes that have moved, a workgroup each. pairs: trees, and those from which their nodes are
+    taken: built ones of the same meshes."""
+
+    def __init__(self, device: Device, pairs: Sequence[tuple[MeshTree, MeshTree]]) -> None:
+        self._device = device
+        self._pairs = pairs
+        rows = []
+        for tree, source in pairs:
+            geometry = tree.geometry
+            addresses = geometry.positions, geometry.indices, source.address, tree.address
+            rows.append((*addresses, tree.slot_count, geometry.triangle_count))
+        records = np.array(rows, REFIT_DTYPE)
+        with device.undone_on_error():
+            self._kernel = _kernel(device, "refit")
+            self._records = device.buffer(max(records.nbytes, 16), "refits of trees")
+        if pairs:
+            self._records.upload(records)
+
+    def record(self, commands: raw.CData) -> None:
+        """Record the refits, after all earlier and before all later work."""
+        vk = self._device.vk
+        vk.vkCmdPipelineBarrier2(commands, full_barrier())
+        for first in range(0, len(self._pairs), MAX_GROUPS):
+            groups = min(len(self._pairs) - first, MAX_GROUPS)
+            address = self._records.address + first * REFIT_DTYPE.itemsize
+            self._kernel.record(commands, (GROUP_SIZE * groups, 1), refits=address)
+        vk.vkCmdPipelineBarrier2(commands, full_barrier())
+        for tree, _ in self._pairs:
+            tree.built = True
+
+    def destroy(self) -> None:
+        """Free the records when the work submitted so far is done."""
         self._records.destroy()
 
 

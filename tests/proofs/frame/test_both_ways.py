@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from support.frames import each_lighting, make_renderer, snapshot
+from support.scenes import bent_joints, tube
 from support.seeded_bugs import Bug, expect_noticed, seeded
 
 import solari_vk as sv
@@ -164,6 +165,27 @@ def by_queries(devices):
 def test_single_rays_are_equal(devices, by_queries, way):
     found = single_rays(devices[way])
     assert not [name for name, array in by_queries.items() if array.tobytes() != found[name].tobytes()]
+
+
+def animated_hits(device):
+    """Hits of random rays in each frame of a tube that bends, and grows by a half once."""
+    mesh, rest = tube(targets=1)
+    instance = sv.Instance(mesh=mesh, material=sv.Material(), joint_matrices=rest * 0 + np.eye(4), morph_weights=[0])
+    scene, rng = sv.Scene(instance), np.random.default_rng(5)
+    origins, aims = (rng.uniform((-1.5, -0.5, -1.5), (1.5, 2.5, 1.5), (300, 3)) for _ in range(2))
+    found = []
+    with sv.RayTracer(device, scene) as tracer:
+        for frame in range(40):
+            instance.joint_matrices = bent_joints(rest, 0.03 * frame) * (1 if frame < 20 else 1.6)
+            instance.morph_weights = [np.sin(frame)]
+            found.append(tracer.trace(origins, aims - origins))
+    assert 0.05 < np.mean([np.isfinite(hits["t"]).mean() for hits in found]) < 0.9
+    return np.concatenate(found)
+
+
+def test_trees_that_are_refitted_give_the_hits_of_queries(devices):
+    query, compute = (animated_hits(devices[way]) for way in ("query", "compute"))
+    assert [name for name in query.dtype.names if query[name].tobytes() != compute[name].tobytes()] == []
 
 
 BUGS = {
