@@ -36,6 +36,8 @@ def watch(device, name, move):
     """What the last frame shows, for all seeds: squared relative errors and the lengths of histories; and for the last
     four frames, whether pixels show the object that moves."""
     scene, shown = builtin(name), []
+    for material in scene.materials:
+        material.double_sided = False  # the camera leaves mirror_hall, and looks in through a mirror's back
 
     def observe():
         for step in range(FRAMES):

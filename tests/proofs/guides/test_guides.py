@@ -376,7 +376,7 @@ WRITE, MIRRORS_FILE = "passes/guides/write.comp", "passes/guides/mirrors.glsl"
 
 def describing(change):
     """A bug in what guides say of a material."""
-    return Bug(WRITE, "describe", f"correct(guides, material, NdotV); guides.{change};")
+    return Bug(WRITE, "describe", f"correct(guides, material, wo); guides.{change};")
 
 
 test_a_seeded_bug_is_noticed = bug_tests(
