@@ -16,7 +16,7 @@ struct ChangedLight {
 struct ChangedLights {
     uint count;
     ChangedLight at[8];
-    float fraction;  // of the power of all lights: FrameValues.lighting_change, without cuts of views
+    float fraction;  // of the light: FrameValues.expected_change, without cuts of views
 };
 layout(set = 1, scalar) readonly buffer WorldChangesBlock { ChangedLights at[]; } world_changes;
 #define changed_lights world_changes.at[world_index * views.has_own_lights]

@@ -45,7 +45,7 @@ struct FrameValues {
     uint has_history;       // 0 in the first frame and after a reset
     float exposure;
     float lighting_change;  // share of the lights' power that appeared, disappeared or moved in recent frames
-    float expected_change;  // share of the light, about, that changed since the previous frame by edits of the scene
+    float expected_change;  // share of the light, about, that changed in recent frames by edits of the scene
     uint blended_changed;   // 1 when a blended instance changed, came or went since the previous frame
     vec2 sample_jitter;     // within the pixels, for antialiasing: a part of Camera.jitter
     // Change since the previous frame of the jitter that the user gives the camera, in pixels of the picture.

@@ -14,7 +14,7 @@ from solari_vk.batch.view_buffer import ViewBuffer, sample_fields
 from solari_vk.batch.view_cameras import ViewCameras
 from solari_vk.batch.worlds import Worlds
 from solari_vk.bound.binder import SceneBinder
-from solari_vk.bound.lights.index_translation import CHANGE_DECAY, EDITED_LOOKS, MIN_CHANGE
+from solari_vk.bound.lights.index_translation import with_decayed
 from solari_vk.gpu.device.buffer import Buffer
 from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.frame.frame import Stage
@@ -107,7 +107,7 @@ class BatchRenderer(Renderer):
         self._camera_jitter = np.zeros((count, 2))  # of the latest frame's cameras
         self._shifts = np.zeros((2, 2, count))  # their jitter and principal_shift, as x and y in rendered pixels
         self._jitter_begins = np.zeros(count, np.int64)  # where each view begins in the sequence of jitter
-        self._blended_before = self._looks_before = np.zeros(1, np.int64)
+        self._edited = np.zeros(count)  # RecentEdits.share, as each view has seen it
         # Made before the frame that reads them, and freed here if that can't be made: `_owned` doesn't exist yet.
         owned: list[ViewBuffer | Buffer] = []
         try:
@@ -124,7 +124,7 @@ class BatchRenderer(Renderer):
             raise
         for one in owned:
             self._owned.callback(one.destroy)
-        self._all_views = self._frame.uniforms.writer("all_views", THIS_FRAME[:5])
+        self._all_views = self._frame.uniforms.writer("all_views", THIS_FRAME[:6])
 
     @property
     def frame(self) -> SceneFrame:
@@ -199,12 +199,13 @@ class BatchRenderer(Renderer):
         views = self.views
         # A view that is reset has no history that changes of light could shorten.
         if self._change.any() or not self._changes.is_still:
-            change = self._change * CHANGE_DECAY
-            change[change <= MIN_CHANGE] = 0.0
-            self._change = np.where(reset, 0.0, np.maximum(change, self._of_views(self._changes.newest)))
-        blended = self._of_views(self._worlds.blended_changes != self._blended_before)
-        looks = self._of_views(self._worlds.look_changes != self._looks_before)
-        expected = np.maximum(self._of_views(self._changes.newest), EDITED_LOOKS * looks)
+            change = with_decayed(self._change, self._of_views(self._changes.newest))
+            self._change = np.where(reset, 0.0, change)
+        self._edits.update(self._worlds.edit_counts)
+        blended = self._of_views(self._edits.blended)
+        edited = with_decayed(self._edited, self._of_views(self._edits.newest))
+        self._edited = np.where(reset, 0.0, edited)
+        expected = np.maximum(self._edited, self._change)
         # In most frames of a batch only transforms and jitter change, which `upload_frame` uploads.
         sources = cameras.records, cameras.jitter, seeds, self._change, self._camera_jitter, self._offsets
         size = self._built_render_size
@@ -246,11 +247,11 @@ class BatchRenderer(Renderer):
         whether the cache, or a view, has light of earlier frames, which changes of lights outdate."""
         if not has_history:
             self._changes.clear()
-        self._changes.upload()
+            self._edits.forget()
+        self._changes.upload(self._edits.share)
         change = self._changes.change.max()
-        self._all_views.write(self.frame_count & 0xFFFFFFFF, self.seed, keeps_cache, 0.0, change)
-        self._blended_before = self._worlds.blended_changes
-        self._looks_before = self._worlds.look_changes
+        expected = max(change, self._edits.share.max())
+        self._all_views.write(self.frame_count & 0xFFFFFFFF, self.seed, keeps_cache, 0.0, change, expected)
 
     def picture_of(self, values: NDArray[Any]) -> NDArray[Any]:
         """The pictures (N, height, width, channels) of an image that has them in the grid."""

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from solari_vk.bound.lights.index_translation import CHANGE_DECAY, MIN_CHANGE, share_changed, share_moved
+from solari_vk.bound.lights.index_translation import share_changed, share_moved, with_decayed
 from solari_vk.bound.lights.light_list import LightList
 from solari_vk.bound.lights.recent_changes import MAX_CHANGED_LIGHTS, RECORD, RecentChanges
 from solari_vk.gpu.device.buffer import Buffer
@@ -47,6 +47,7 @@ class LightChanges:
         """Whether nothing has changed recently: then an update has nothing to do, as long as states stay the same."""
         self._previous: list[LightState] = []
         self._uploaded = False  # whether the buffer has the changes
+        self._expected = np.zeros(1)  # in the buffer
         self._recent: list[RecentChanges] = []
 
     def update(self, states: Sequence[LightState], cell_size: float) -> None:
@@ -72,8 +73,7 @@ class LightChanges:
             recent.update(now.ids, now.powers, now.centers, now.positions, cell_size)
         self._previous = [*states]
         # Each frame forgets a share of the earlier changes, as the histories that follow them do.
-        change = self.change * CHANGE_DECAY
-        self.change = np.maximum(np.where(change > MIN_CHANGE, change, 0.0), self.newest)
+        self.change = with_decayed(self.change, self.newest)
         # The comparison above was by world, since each had lights of its own in the frame before.
         if len(states) < count:
             self._join()
@@ -110,12 +110,14 @@ class LightChanges:
             recent.clear()
         self._update_stillness()
 
-    def upload(self) -> None:
-        """Have the next submission see the changes."""
-        if self._uploaded:
+    def upload(self, expected: NDArray[np.float64]) -> None:
+        """Have the next submission see the changes. expected: the share of the light of each world, or of all, that
+        edits of any kind may have changed."""
+        if self._uploaded and np.array_equal(expected, self._expected):
             return
+        self._expected = expected
         records = np.zeros(len(self.change), WORLD)
-        records["fraction"] = self.change
+        records["fraction"] = np.maximum(self.change, expected if len(expected) == len(records) else expected.max())
         for record, recent in zip(records, self._recent, strict=True):
             if recent.records.size:
                 record["count"] = len(recent.records)

@@ -105,14 +105,9 @@ class Worlds:
         return self._binder.instance_capacity
 
     @property
-    def blended_changes(self) -> NDArray[np.int64]:
-        """The number of changes of blended instances so far, of each world (W,) or of all (1,)."""
-        return np.array([records.blended_changes for records in self._binder.listed_records])
-
-    @property
-    def look_changes(self) -> NDArray[np.int64]:
-        """The number of edits of looks so far, as SceneRecords counts them, of each world (W,) or of all (1,)."""
-        return np.array([records.look_changes for records in self._binder.listed_records])
+    def edit_counts(self) -> NDArray[np.int64]:
+        """`SceneRecords.edit_counts` of each world (3, W), or of all (3, 1)."""
+        return np.array([records.edit_counts for records in self._binder.listed_records]).T
 
     @property
     def light_states(self) -> list[LightState] | None:
@@ -186,6 +181,8 @@ class Worlds:
         has_new_surfaces = is_new or bool(overrides.materials.changed)
         if overrides.materials.changed:
             self._binder.records.look_changes += 1
+        if moved:
+            self._binder.records.moves += 1
         if has_new_surfaces:
             self._overridden_instances.follow_materials(overrides)
         if any(map(self._overridden_instances.is_blended, moved)):

@@ -119,14 +119,9 @@ class SceneBinder:
         return self.records.instances
 
     @property
-    def blended_changes(self) -> int:
-        """The number of changes of blended instances of the first scene so far."""
-        return self.records.blended_changes
-
-    @property
-    def look_changes(self) -> int:
-        """The number of edits of lights, materials and textures of the first scene so far."""
-        return self.records.look_changes
+    def edit_counts(self) -> NDArray[np.int64]:
+        """The numbers of edits of the first scene so far, `SceneRecords.edit_counts`."""
+        return np.array(self.records.edit_counts)
 
     @property
     def instance_capacity(self) -> int:

@@ -67,7 +67,10 @@ class SceneRecords:
         self.blended_changes = 0
         """Counts the changes of blended instances."""
         self.look_changes = 0
-        """Counts the edits of lights, materials and textures, which may change what still surfaces look like."""
+        """Counts the edits of lights, materials and textures, and of which instances there are: they may change what
+        still surfaces look like."""
+        self.moves = 0
+        """Counts the other edits of instances and meshes, which move shadows."""
         self._assets = assets
         self._geometry = assets.geometry
         # The meshes that raster and rays see of each instance, and its material.
@@ -103,6 +106,11 @@ class SceneRecords:
     def has_any(self, instances: Iterable[Instance]) -> bool:
         """Whether one of these is in the scene."""
         return any(instance in self._uses for instance in instances)
+
+    @property
+    def edit_counts(self) -> tuple[int, int, int]:
+        """`look_changes`, `moves` and `blended_changes`, for `RecentEdits`."""
+        return self.look_changes, self.moves, self.blended_changes
 
     # ---- an update, step by step ---------------------------------------------------------------------
 
@@ -160,7 +168,9 @@ class SceneRecords:
         before = self._uses.get(instance)
         self._records_change = True
         self._follow_instance(instance)
-        if before is not None and before[2] is not instance.material:
+        if self._written_as.get(instance) == _record_key(instance):
+            self.moves += 1
+        else:
             self.look_changes += 1
         if self.lights.index(instance) is not None or self._uses.get(instance) != before:
             self.light_revision += 1
@@ -205,6 +215,7 @@ class SceneRecords:
         if self._may_change_lights(mesh, "positions"):
             self.light_revision += 1
         self._records_change = True
+        self.moves += 1
         # The mesh may have users in other scenes too.
         users = [user for user in self._geometry.mark_changed(mesh) if user in self._uses]
         for instance in users:
@@ -399,6 +410,6 @@ class SceneRecords:
 
 
 def _record_key(instance: Instance) -> tuple[Any, ...]:
-    """What the records of an instance hold of its material, beside its row and its light."""
+    """What the records of an instance hold beside its place and its light."""
     material = instance.material
-    return instance.alpha_mode, material.hides_back, material.disperses
+    return instance.visible, material, instance.alpha_mode, material.hides_back, material.disperses

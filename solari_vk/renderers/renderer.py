@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from solari_vk.base.errors import SolariError, checked_keywords, is_name, quoted, unknown_name
 from solari_vk.bound.binder import SceneBinder
 from solari_vk.bound.features import ABSORPTION, LOBES
-from solari_vk.bound.lights.index_translation import EDITED_LOOKS, IndexTranslation
-from solari_vk.bound.lights.recent_changes import RecentChanges
+from solari_vk.bound.lights.index_translation import IndexTranslation
+from solari_vk.bound.lights.recent_changes import RecentChanges, RecentEdits
 from solari_vk.bound.projection import SEED_STRIDE, CameraUniforms, Projection, jitters, lens_point
 from solari_vk.gpu.device.buffer import Buffer
 from solari_vk.gpu.device.device import Device
@@ -108,11 +108,11 @@ class Renderer(RendererBase):
             self._callback_cameras = CallbackCameras()
             self._accumulation = ShutterAccumulation()
             self._has_history = False
-            self._edits = (0, 0)  # the binder's counts of changes of blended instances and of looks in the latest frame
             self._previous_jitter = (0.0, 0.0)  # the camera's own
             self._written_settings: tuple[Any, ...] = ()  # what the settings in the uniforms were written from
             self._light_translation = self._owned.enter_context(closing(IndexTranslation(device)))
             self._changed_lights = RecentChanges()
+            self._edits = RecentEdits()
             frame = SceneFrame(device, self.binder, self._stages(self.size), external=self._inputs())
             self._frame = self._owned.enter_context(frame)
             self._camera_uniforms = CameraUniforms(self._frame.uniforms, self.binder.origin)
@@ -304,16 +304,17 @@ class Renderer(RendererBase):
         lights = self.binder.lights
         cell_size = self.settings.world_cache_cell_size
         self._changed_lights.update(lights.ids, lights.emitted, lights.centers, lights.positions, cell_size)
-        if not history:  # no light has changed since a frame that doesn't count
+        self._edits.update(self.binder.edit_counts, self._light_translation.newest)
+        if not history:  # nothing has changed since a frame that doesn't count
             self._light_translation.changed_power = 0.0
             self._changed_lights.clear()
+            self._edits.forget()
         # Each frame sees all through one point of the lens: Haeberli and Akeley, "The Accumulation Buffer" (1990).
         on_lens = lens_point(camera, self.frame_count + SEED_STRIDE * self.seed)
         projection = self._camera_uniforms.write(
             camera, self.size, offset, render_size=self._built_render_size, has_history=history, lens_offset=on_lens
         )
         (x, y), (previous_x, previous_y) = projection.jitter, self._previous_jitter
-        edits = self.binder.blended_changes, self.binder.look_changes
         shutter_state = (0, 0, 0) if shutter is None else (shutter.state, *shutter.rows)
         self._this_frame.write(
             self.frame_count & 0xFFFFFFFF,
@@ -321,8 +322,8 @@ class Renderer(RendererBase):
             history,
             projection.exposure,
             self._light_translation.changed_power,
-            max(self._light_translation.newest, EDITED_LOOKS if edits[1] != self._edits[1] else 0.0),
-            edits[0] != self._edits[0],
+            self._edits.share,
+            bool(self._edits.blended),
             *offset,
             x - previous_x,
             y - previous_y,
@@ -330,7 +331,6 @@ class Renderer(RendererBase):
         )
         self._frame.uniforms.update_declared(self._changed_lights.uniforms)
         self._previous_jitter = projection.jitter
-        self._edits = edits
         self._has_history = True
         return projection
 

@@ -74,7 +74,8 @@ def test_share_of_power_that_was_added_or_removed():
         ((none, dark), (ids, powers), 1),
         ((none, dark), (none, dark), 0),
         ((ids, 0 * powers), (ids, 0 * powers), 0),
-        ((ids, powers), (ids[:2], powers[:2]), 5 / 8),
+        ((ids, powers), (ids[1:], powers[1:]), 1 / 8),
+        ((ids, powers), (ids[:2], powers[:2]), 1),  # more than half counts as all
         ((ids, powers), (ids, np.array([1.0, 2.0, 6.0])), 1 / 9),
         ((ids, powers), (ids + 10, powers), 1),  # the share is at most 1
     ):

@@ -27,10 +27,12 @@ PathReservoir choose_candidate(ReservoirCandidate candidate, Vertex vertex, floa
 
 // A reservoir of the previous frame, with the light's index in this frame. A reservoir whose light was removed becomes
 // an empty sample with the same confidence: if it were dropped, only those with a remaining light would count, and the
-// mean would be too bright.
+// mean would be too bright. While lights change, all have less confidence: the radiance of path samples is out of date,
+// and where most of the light is gone, few reservoirs found what remains, so that the mean of many pixels is noisy.
 PathReservoir load_previous_reservoir(uvec2 pixel) {
     PathReservoir reservoir = paths_reservoirs.at[element_index(pixel, camera.size)];
-    reservoir.confidence = min(reservoir.confidence, restir_settings.confidence_cap);
+    reservoir.confidence = min(reservoir.confidence, restir_settings.confidence_cap)
+        * (1.0 - this_frame.lighting_change);
     if (!is_path_sample(reservoir) && reservoir.weight > 0.0) {
         reservoir.point.x = light_translation.at[reservoir.point.x];
         if (reservoir.point.x == NO_INDEX) { reservoir.weight = 0.0; }
@@ -39,11 +41,10 @@ PathReservoir load_previous_reservoir(uvec2 pixel) {
 }
 
 // The confidence of the previous frame in the MIS weight of a sample. It is 0 for a light that the previous frame
-// didn't have, and for a path sample on a moving instance, whose position is out of date. For other path samples it
-// falls while lights change, since their radiance is out of date.
+// didn't have, and for a path sample on a moving instance, whose position is out of date.
 float previous_confidence(float confidence, PathReservoir reservoir) {
     if (is_path_sample(reservoir)) {
-        return is_static(reservoir.instance) ? confidence * (1.0 - this_frame.lighting_change) : 0.0;
+        return is_static(reservoir.instance) ? confidence : 0.0;
     }
     return reservoir.weight > 0.0 && previous_light.at[reservoir.point.x] == NO_INDEX ? 0.0 : confidence;
 }

@@ -33,7 +33,7 @@ void relight(uint cell) {
     world_index = world_cache_worlds.at[cell];
     float share = changed_lights.fraction;
 #else
-    float share = this_frame.lighting_change;
+    float share = this_frame.expected_change;
 #endif
     float change = is_outdated(cell) ? 1.0 : share;
     if (change == 0.0) { return; }

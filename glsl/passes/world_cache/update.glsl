@@ -21,8 +21,10 @@ uint find_cell_to_update(uint thread) {
     if (thread >= world_cache_counters.active_cells) { return NO_INDEX; }
     uint cell = world_cache_active_cells.at[thread];
     uint rng = seed_cell_rng(cell, UPDATE_SALT);
+    float max_samples = float(world_cache_settings.max_samples);
     float cap = float(world_cache_settings.update_cap);
-    if (all_views.lighting_change == 0.0) {
+    // Edits that change so little outdate no mean.
+    if (all_views.lighting_change == 0.0 && all_views.expected_change * max_samples <= 1.0) {
         cap = min(cap, world_cache_settings.updates_per_pixel * pixel_count());
     }
     bool chosen = rand_f(rng) * float(world_cache_counters.active_cells) < cap;

@@ -5,6 +5,8 @@ Also measures how much of the light was added, removed or moved in between.
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -16,14 +18,17 @@ from solari_vk.gpu.device.device import Device
 CHANGE_DECAY = 0.9
 # A smaller change counts as none.
 MIN_CHANGE = 1 / 64
-# The share of the light that an edit of lights, materials or textures is taken to change at least. More makes pictures
-# flicker that are edited in each frame.
-EDITED_LOOKS = 0.02
 NAMES = ("light_translation", "previous_light")
 
 Ids = NDArray[np.uint32]
 Powers = NDArray[np.float64]
 Positions = NDArray[np.float64]
+
+
+def with_decayed(share: Any, newest: Any) -> Any:
+    """The share of the light that has changed recently, by that of the previous frame and what changed since then."""
+    decayed = share * CHANGE_DECAY
+    return np.maximum(np.where(decayed > MIN_CHANGE, decayed, 0.0), newest)
 
 
 def translate(ids: Ids, others: Ids) -> Ids:
@@ -39,7 +44,10 @@ def translate(ids: Ids, others: Ids) -> Ids:
 
 
 def share_changed(old_ids: Ids, old_powers: Powers, ids: Ids, powers: Powers) -> float:
-    """The share, from 0 to 1, of the lights' power that was added or removed between two lists."""
+    """The share, from 0 to 1, of the lights' power that was added or removed between two lists.
+
+    More than half counts as all: what frames remember would otherwise be many times the light that remains.
+    """
     total = max(old_powers.sum(), powers.sum())
     if not total > 0:
         return 0.0
@@ -47,7 +55,8 @@ def share_changed(old_ids: Ids, old_powers: Powers, ids: Ids, powers: Powers) ->
     stayed = indices != NO_INDEX
     before = np.zeros(len(ids))
     before[indices[stayed]] = old_powers[stayed]
-    return float(min((np.abs(powers - before).sum() + old_powers[~stayed].sum()) / total, 1.0))
+    share = float((np.abs(powers - before).sum() + old_powers[~stayed].sum()) / total)
+    return 1.0 if share > 0.5 else share
 
 
 def share_moved(
@@ -136,8 +145,7 @@ class IndexTranslation:
         if self._positions is not None and positions is not None and positions is not self._positions:
             moved = share_moved(self._ids, self._positions, ids, positions, powers, cell_size)
             self.newest = max(self.newest, moved)
-        change = self.changed_power * CHANGE_DECAY
-        self.changed_power = max(change if change > MIN_CHANGE else 0.0, self.newest)
+        self.changed_power = float(with_decayed(self.changed_power, self.newest))
 
     def _reserve(self, count: int) -> None:
         if self.buffers and 4 * count <= self.buffers[NAMES[0]].size:

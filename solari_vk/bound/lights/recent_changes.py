@@ -1,4 +1,5 @@
-"""The lights that were added, removed, moved or changed in power in recent frames, for passes that follow them."""
+"""What was edited in recent frames, for passes that follow it: the lights that were added, removed, moved or changed in
+power, and how much light edits of the scene may have changed."""
 
 from __future__ import annotations
 
@@ -8,7 +9,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solari_vk.bound.constants import NO_INDEX
-from solari_vk.bound.lights.index_translation import CHANGE_DECAY, MIN_CHANGE, Ids, Positions, Powers, translate
+from solari_vk.bound.lights.index_translation import (
+    CHANGE_DECAY,
+    MIN_CHANGE,
+    Ids,
+    Positions,
+    Powers,
+    translate,
+    with_decayed,
+)
 
 MAX_CHANGED_LIGHTS = 8  # lights in the list: those that changed most
 # ChangedLight in glsl/passes/light_change.glsl.
@@ -17,6 +26,12 @@ RECORD = np.dtype([("place", "<f4", 3), ("power", "<f4"), ("recent", "<f4")])
 MIN_LISTED_CHANGE = 0.15
 # A light whose `recent` is above this is changing all the time: another change of it is no new one.
 STILL_CHANGING = CHANGE_DECAY**10
+
+# The share of the light that an edit of a scene is taken to change: the first one after PAUSE frames without one of its
+# kind, and others of looks. More makes pictures flicker that are edited in each frame, as by animations.
+FIRST_EDIT = 0.25
+PAUSE = 8
+EDITED_LOOKS = 0.02
 
 Records = NDArray[Any]
 Lists = tuple[Ids, Powers, Positions, Positions]
@@ -139,3 +154,33 @@ class RecentChanges:
         first = np.sort(np.unique(keys[order], return_index=True)[1])[:MAX_CHANGED_LIGHTS]
         self._keys = keys[order][first]
         self._records = records[order][first]
+
+
+class RecentEdits:
+    """What edits of a scene, or of each of several, have changed: numbers (), or arrays (W,)."""
+
+    def __init__(self) -> None:
+        self.newest: Any = 0.0
+        """The share of the light that edits since the previous frame may have changed."""
+        self.share: Any = 0.0
+        """The same of recent frames; it decays."""
+        self.blended: NDArray[np.bool_] = np.zeros(1, bool)
+        """Whether blended instances have changed since the previous frame."""
+        self._counts: NDArray[np.int64] | None = None
+        self._unedited: Any = PAUSE  # frames without an edit of the kind
+
+    def forget(self) -> None:
+        """Forget all edits so far."""
+        self.share = self.share * 0.0
+        self._unedited = PAUSE
+
+    def update(self, counts: NDArray[np.int64], of_lights: float = 0.0) -> None:
+        """Compare with the previous frame. counts: `SceneRecords.edit_counts`, (3,) or (3, W). of_lights: the share of
+        the light by which lights have changed."""
+        edited = counts != (counts if self._counts is None else self._counts)
+        looks, _, self.blended = edited
+        first = edited & (self._unedited >= PAUSE)
+        self.newest = np.maximum(of_lights, np.maximum(FIRST_EDIT * (first[0] | first[1]), EDITED_LOOKS * looks))
+        self.share = with_decayed(self.share, self.newest)
+        self._unedited = np.where(edited, 0, self._unedited + 1)
+        self._counts = counts

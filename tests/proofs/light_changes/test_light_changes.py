@@ -86,6 +86,34 @@ def test_a_weak_lamp_that_is_carried_away(device):
     assert light_after(device, scene, change, 12, seeds=[50])[8:].mean() < 0.05
 
 
+# ---- most of the light goes out ----------------------------------------------------------------------
+
+
+def sun_and_lamp():
+    """A room that is open towards the camera, where the sun brings many times the light of a lamp."""
+    scene = sv.Scene(sv.Camera.look_at((1, 1, 4.5), (1, 1, 0), vertical_fov=0.7))
+    add_room(scene, (0, 0, -3), 3.0, "lamp")
+    scene.add(sv.DirectionalLight((0.1, -0.5, -1), illuminance=50.0, name="sun"))
+    return scene
+
+
+def check_most_light_goes(device, lighting):
+    """Frames 0, 1, 2 and 15 after a sun is removed, over what they tend to: means over the picture."""
+    light = lambda count: [np.mean(renderer.render()["diffuse_radiance"]) for _ in range(count)]  # noqa: E731
+    scene = sun_and_lamp()
+    with make_renderer(device, scene, SIZE, denoise=True, lighting=lighting) as renderer:
+        render_frames(renderer, scene.camera, 24)
+        scene.remove(scene.lights["sun"])
+        found = np.array(light(16))[[0, 1, 2, 15]] / np.mean(light(64)[-16:])
+    print(lighting, np.round(found, 3))
+    assert np.abs(found - 1).max() < 0.1
+
+
+@pytest.mark.parametrize("lighting", ["paths", "split"])
+def test_most_of_the_light_goes_out(device, lighting):
+    check_most_light_goes(device, lighting)
+
+
 # ---- flicker ----------------------------------------------------------------------------------------
 
 

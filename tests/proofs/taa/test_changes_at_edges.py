@@ -1,4 +1,5 @@
-"""Antialiasing after an edit of the scene: the outlines of things before what doesn't change show the new light."""
+"""Antialiasing after an edit of the scene: the outlines of things before what doesn't change, and shadows that come or
+go, show the new light."""
 
 from __future__ import annotations
 
@@ -98,6 +99,62 @@ def light_at_edges(device, case, **settings):
 @pytest.mark.parametrize("case", CASES)
 def test_outlines_show_the_new_light(device, case):
     assert np.abs(light_at_edges(device, case) - 1).max() < 0.05
+
+
+# ---- shadows ----------------------------------------------------------------------------------------
+
+ABOVE_FLOOR = sv.Camera.look_at((0, 2.2, 3.2), (0, 0, 0), vertical_fov=0.8, ev100=0)
+
+
+def floor_and_plate():
+    scene = sv.Scene()
+    scene.add(sv.shapes.quad((-4, 0, 4), (8, 0, 0), (0, 0, -8)), sv.Material(**GRAY), name="floor")
+    scene.add(sv.shapes.box((-0.6, 1.3, -0.6), (0.6, 1.4, 0.6)), sv.Material(**GRAY), name="plate")
+    scene.add(sv.PointLight((0, 3, 0), intensity=15.0))
+    scene.environment = sv.Environment(0.01)
+    return scene
+
+
+def change_presence(scene, plate, present):
+    if plate in scene.instances:
+        scene.remove(plate)
+    if present:
+        scene.add(plate)
+
+
+PLATE_EDITS = {
+    "presence": change_presence,
+    "visibility": lambda scene, plate, present: plate.update(visible=present),
+    "place": lambda scene, plate, present: plate.update(position=(0, 0, 0 if present else 300)),
+}
+
+
+def light_in_shadow(device, edit, casts):
+    """The light where a plate begins, or else ceases, to cast a shadow, FRAMES later, over that of a new renderer after
+    as many frames, which blurs the edges of shadows."""
+    scene = floor_and_plate()
+    plate = scene.instances["plate"]
+    light = lambda frames: np.asarray(render_frames(renderer, ABOVE_FLOOR, frames)["radiance"], np.float64)  # noqa: E731
+    pictures = {}
+    with make_renderer(device, scene, SIZE, denoise=True, antialiasing=True) as renderer:
+        for present in (casts, not casts):
+            PLATE_EDITS[edit](scene, plate, present)
+            renderer.reset()
+            pictures[present] = light(40)
+        PLATE_EDITS[edit](scene, plate, casts)
+        seen = light(FRAMES)
+        renderer.reset()
+        new = light(FRAMES)
+    shadow = pictures[True].sum(axis=2) < 0.5 * pictures[False].sum(axis=2)
+    found = seen[shadow].mean() / new[shadow].mean()
+    print(edit, casts, shadow.sum(), np.round(found, 3))
+    return found
+
+
+@pytest.mark.parametrize("casts", [True, False])
+@pytest.mark.parametrize("edit", PLATE_EDITS)
+def test_shadows_follow_edits(device, edit, casts):
+    assert abs(light_in_shadow(device, edit, casts) - 1) < 0.1
 
 
 def check_dimmed(device):

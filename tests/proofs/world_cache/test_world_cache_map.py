@@ -251,8 +251,8 @@ def test_blend(device, exponent, cap, of_pixels):
 
 @pytest.mark.parametrize(("change", "relight"), [(0.2, True), (1.0, True), (0.8, False)])
 def test_changed_light_is_forgotten(device, change, relight):
-    """All cells lower their sample counts when lights change, also those that aren't updated: the next sample then has
-    at least the weight of the share that changed."""
+    """All cells lower their sample counts when a scene is edited, also those that aren't updated: the next sample then
+    has at least the weight of the share that changed."""
     cells, random = 1024, np.random.default_rng(4)
     irradiance = np.full((cells, 4), 2.0, np.float32)
     irradiance[:, 3] = random.integers(1, 33, cells)
@@ -262,7 +262,7 @@ def test_changed_light_is_forgotten(device, change, relight):
     for updates, weights in (("asked", 0.0), ("all", 1 / np.clip(expected + 0.25, 1, 32))):  # no cell was asked for
         with MapFrame(device, cells, **settings, world_cache_updates=updates) as frame:
             frame.fill(irradiance=irradiance, samples=samples)
-            frame.uniforms["this_frame.lighting_change"] = change
+            frame.uniforms["this_frame.expected_change"] = change
             found = frame.run()["irradiance"]
         np.testing.assert_allclose(found[:, 0], 2.0 * (1 - weights), rtol=1e-4, atol=1e-5)
         if updates == "asked":

@@ -39,10 +39,13 @@ DiReservoir generate_initial_reservoir(uvec2 pixel, GBufferSurface surface, inou
 }
 
 // A reservoir of the previous frame, with the light's index in this frame. A reservoir whose light was removed keeps
-// its confidence; otherwise those that found a remaining light would count too much.
+// its confidence; otherwise those that found a remaining light would count too much. While lights change, all have less
+// confidence: where most of the light is gone, few reservoirs found what remains, so that the mean of many pixels is
+// noisy.
 DiReservoir load_previous_reservoir(uvec2 pixel) {
     DiReservoir reservoir = di_reservoirs.at[pixel_index(pixel, camera.size)];
-    reservoir.confidence = min(reservoir.confidence, restir_di_settings.confidence_cap);
+    reservoir.confidence = min(reservoir.confidence, restir_di_settings.confidence_cap)
+        * (1.0 - this_frame.lighting_change);
     if (reservoir.light_sample.light_index != NO_INDEX) {
         reservoir.light_sample.light_index = light_translation.at[reservoir.light_sample.light_index];
     }

@@ -39,7 +39,8 @@ void main() {
     if (!find_temporal_neighbor(pixel, surface, neighbor, neighbor_surface)) { return; }
     neighbor_surface.ray_offset = surface.ray_offset;  // the previous G-buffer has none
     GiReservoir previous = gi_reservoirs.at[pixel_index(neighbor, camera.size)];
-    previous.confidence_weight = min(previous.confidence_weight, restir_gi_settings.confidence_cap);
+    previous.confidence_weight = min(previous.confidence_weight, restir_gi_settings.confidence_cap)
+        * (1.0 - this_frame.lighting_change);
     refresh_radiance(previous);
     bool retest = restir_gi_settings.visibility == GI_VISIBILITY_BOTH;
     uint rng = seed_rng(pixel, this_frame.index, this_frame.seed ^ PASS_SALT);
