@@ -139,7 +139,7 @@ def test_flicker_keeps_histories(device, what):
 
 @pytest.mark.slow
 def test_lists_of_all_changes_are_noticed(device, monkeypatch):
-    monkeypatch.setattr(recent_changes, "LISTED", 0.0)
+    monkeypatch.setattr(recent_changes, "MIN_LISTED_CHANGE", 0.0)
     assert history_under_flicker(device, "power") < 10
 
 
