@@ -150,7 +150,7 @@ def compiled_modules(tree: Path) -> set[str]:
             f"{views}{features}{rays}"
             for views in ("", ".views")[: 1 + (path in many)]
             for features in ("", ".plain")[: 1 + (path in plain)]
-            for rays in ("", ".rgen")[: 1 + (path in traces)]
+            for rays in ("", ".pipeline", ".compute")[: 3 if path in traces else 1]
         ]
         for path in paths
     }

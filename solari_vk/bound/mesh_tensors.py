@@ -20,6 +20,7 @@ from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.structures import MeshStructure, build_mesh_structures, mesh_structure, traces_by_compute
 from solari_vk.gpu.tensors.imports import DeviceTensor
 from solari_vk.gpu.tensors.port import Dispatch, TensorPort, rule
+from solari_vk.gpu.trees.tree import refit_meshes
 from solari_vk.scene.checks import LARGEST_COORDINATE
 from solari_vk.scene.objects import Mesh
 
@@ -158,7 +159,9 @@ class MeshTensors:
             if mesh in moved or not self._meshes[mesh].blases
         ]
         if builds and traces_by_compute(self._device):
-            build_mesh_structures(self._device, [build.blas for build in builds])
+            build_mesh_structures(self._device, [build.blas for build in builds if not build.update])
+            moved_trees: list[Any] = [(build.blas, build.source) for build in builds if build.update]
+            refit_meshes(self._device, moved_trees)
         elif builds:
             submit_batch(self._device, builds, clock.tick())
         return {mesh: self._meshes[mesh].blases[self._meshes[mesh].side] for mesh in geometries}
@@ -170,10 +173,6 @@ class MeshTensors:
         own.side = 1 - own.side if own.blases else 0
         if len(own.blases) == own.side:
             own.blases.append(mesh_structure(self._device, geometry, mesh.name or "mesh", moves=True))
-        if traces_by_compute(self._device):
-            tree = own.blases[own.side]
-            tree.geometry = geometry
-            return BlasBuild(tree)
         blas, other = own.blases[own.side], own.blases[own.side - 1]
         update = other is not blas and other.built and own.refits < MAX_REFITS
         blas.set_geometries([geometry])

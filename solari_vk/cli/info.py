@@ -16,13 +16,13 @@ from solari_vk import __version__
 from solari_vk.base.errors import DeviceError, SolariError
 from solari_vk.cli.commands import WHY_NO_WINDOW
 from solari_vk.cli.options import resolve
-from solari_vk.gpu.device.rays import AUTO, EXTENSIONS, IN_WORDS, automatic_method
+from solari_vk.gpu.device.rays import AUTO, DRIVER, IN_WORDS, automatic_method
 
 if TYPE_CHECKING:
     from solari_vk.gpu.device.physical import DeviceReport
 
 _DRIVER = (
-    f"no device can be used: install a driver with {EXTENSIONS}: that of your graphics card, or Mesa's software device "
+    f"no device can be used: install a driver with {DRIVER}: that of your graphics card, or Mesa's software device "
     "of version 24.1 or later (Debian 13: apt-get install mesa-vulkan-drivers; Debian 12: the same with "
     "-t bookworm-backports; tools/demo does it)"
 )

@@ -213,8 +213,11 @@ def test_auto_takes_the_way_that_the_device_has(
         return [physical.PhysicalDevice(self.vk, handle, i, lacks) for i, handle in enumerate(handles)]
 
     monkeypatch.setattr(Instance, "devices", devices)
-    with Device() as device:
+    scene = sv.builtin("cornell_box")
+    with Device(validation=True) as device:
         assert device.rays == rays
+        with sv.PathTracer(device, scene, (8, 8)) as tracer:  # which validation sees use nothing hidden
+            assert tracer.render(samples=1)["radiance"].max() > 0
     other = "pipeline" if rays == "query" else "query"
     with pytest.raises(DeviceError, match=f"with rays='{other}'(.|\n)*: lacks {', '.join(hidden)}"):
         Device(rays=other)

@@ -9,7 +9,7 @@ from typing import Any
 
 from solari_vk.base.errors import DeviceError, quoted
 from solari_vk.gpu.device import raw
-from solari_vk.gpu.device.rays import AUTO, CORE_FEATURES, EXTENSIONS, OF_METHODS, RAYS
+from solari_vk.gpu.device.rays import AUTO, CORE_FEATURES, DRIVER, OF_METHODS, RAYS
 
 POSITION_FETCH = "VK_KHR_ray_tracing_position_fetch"  # of acceleration structures
 OPTIONAL_EXTENSIONS = (
@@ -281,7 +281,7 @@ def choose(devices: list[PhysicalDevice], select: str | int | None, rays: str = 
     if fitting:
         return fitting[0]
     if not devices:
-        raise DeviceError(f"there is no Vulkan device: install a driver that has {EXTENSIONS}")
+        raise DeviceError(f"there is no Vulkan device: install a driver that has {DRIVER}")
     wanted = "no Vulkan device fits" if select is None else f"no fitting Vulkan device is called {quoted(select)}"
     if rays != AUTO:
         wanted += f" with rays={quoted(rays)}"

@@ -13,14 +13,14 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from solari_vk.base.errors import DeviceError
-from solari_vk.gpu.device.rays import EXTENSIONS
+from solari_vk.gpu.device.rays import DRIVER
 
 try:
     from vulkan import _vulkan as _package
 except OSError as error:
     raise DeviceError(
         f"the Vulkan loader can't be opened ({error}): install it (Debian: apt-get install libvulkan1) "
-        f"and a driver with {EXTENSIONS}"
+        f"and a driver with {DRIVER}"
     ) from error
 
 ffi: Any = _package.ffi
@@ -147,7 +147,7 @@ _REMEDY = {
     "VK_ERROR_DEVICE_LOST": "the device was lost (a dispatch ran too long, or the driver failed): make a new Device",
     "VK_ERROR_OUT_OF_DEVICE_MEMORY": "the device is out of memory: use a smaller scene or picture",
     "VK_ERROR_OUT_OF_HOST_MEMORY": "the host is out of memory: use a smaller scene or picture",
-    "VK_ERROR_INCOMPATIBLE_DRIVER": f"no Vulkan driver is installed: install one with {EXTENSIONS}",
+    "VK_ERROR_INCOMPATIBLE_DRIVER": f"no Vulkan driver is installed: install one with {DRIVER}",
     "VK_ERROR_LAYER_NOT_PRESENT": "install the Khronos validation layer (Debian: vulkan-validationlayers)",
 }
 

@@ -16,7 +16,7 @@ CORE_FEATURES = {"compute": ("shaderFloat64",)}
 """What methods need of VkPhysicalDeviceFeatures."""
 AUTO = "auto"
 IN_WORDS = {"query": "ray queries", "pipeline": "ray pipelines", "compute": "compute shaders"}
-EXTENSIONS = "VK_KHR_ray_query or VK_KHR_ray_tracing_pipeline"
+DRIVER = "Vulkan 1.3 and descriptor indexing"
 """What a driver must have, for messages."""
 SOFTWARE = "software devices"
 WITHOUT_UNITS = "cards without units for rays"

@@ -32,7 +32,7 @@ def _card_reason(devices: Sequence[PhysicalDevice], rays: str) -> str:
     cards = [device for device in devices if device.properties.kind != "cpu"]
     if cards:
         lacks = "; ".join(f"{card.properties.name} lacks {', '.join(card.lacks(rays))}" for card in cards)
-        return f"{lacks}: update its driver, or take a card that traces rays"
+        return f"{lacks}: update its driver, or take another card"
     # NVIDIA's container toolkit mounts the Vulkan driver only with the capability "graphics", which isn't its default.
     if glob(NVIDIA):
         return (

@@ -69,7 +69,7 @@ class Tree:
         self.destroyed = False
         # Slot 0 is there for an empty tree too.
         self.slot_count = max(capacity, 1)
-        self.buffer: Buffer = device.buffer((NODE_BYTES + leaf_bytes) * self.slot_count, name)
+        self.buffer: Buffer = device.buffer((NODE_BYTES + leaf_bytes) * self.slot_count, self.describe())
         self.address = self.buffer.address
 
     def describe(self) -> str:
@@ -91,6 +91,10 @@ class MeshTree(Tree):
         self.moves = moves
         if moves:
             self.buffer.fill()  # refits look at all slots, also at those without nodes
+
+    def set_geometries(self, geometries: Sequence[TriangleGeometry]) -> None:
+        """Have later builds and refits read this geometry, with as many triangles."""
+        [self.geometry] = geometries
 
     @property
     def job(self) -> dict[str, int]:
@@ -203,6 +207,15 @@ def build_meshes(device: Device, trees: Sequence[MeshTree], budget: int = SCRATC
         part.append(tree)
     if part:
         _submit(device, part)
+
+
+def refit_meshes(device: Device, pairs: Sequence[tuple[MeshTree, MeshTree]]) -> None:
+    """Submit refits: `TreeRefits`."""
+    if not pairs:
+        return
+    refits = TreeRefits(device, pairs)
+    device.start(refits.record, "refit trees")
+    refits.destroy()
 
 
 def _submit(device: Device, trees: Sequence[MeshTree]) -> None:
