@@ -14,7 +14,7 @@ const Medium NO_MEDIUM = Medium(NO_INDEX, NO_INDEX);
 
 // Beer-Lambert transmittance of a distance in a medium.
 vec3 transmittance(Medium medium, float distance) {
-    if (!SCENE_TRANSMISSION || medium.material == NO_INDEX) { return vec3(1.0); }
+    if (!SCENE_ABSORPTION || medium.material == NO_INDEX) { return vec3(1.0); }
     vec3 absorption = materials.at[medium.material].absorption;
     return mix(exp(-absorption * distance), vec3(1.0), equal(absorption, vec3(0.0)));
 }

@@ -20,6 +20,7 @@ struct TrianglePoint {
     uvec3 vertices;
     mat3x3 object_edges;  // the first vertex, and the edges from it to the second and third
     mat3x3 normal_matrix;  // world from object for normals; does not keep their length
+    float determinant;  // of world from object, without its sign
 };
 
 // Differs from Solari: tangents are made where a material asks for them, as few do.
@@ -44,20 +45,26 @@ struct SurfaceInteraction {
 // the triangle in object space, whose coordinates `reach` bounds, and that of the transforms of the point to world
 // space and of the ray back. A triangle at right angles to an axis has no error along it in object space, however far
 // it reaches; any slope gives rays in other directions an error, for which drivers needed up to half a rounding unit
-// of the reach, and have two. Differs from Solari, which moves origins by 1 mm.
+// of the reach, and have two. Without large triangles, the second error, of all that the triangle reaches, bounds both.
+// Differs from Solari, which moves origins by 1 mm.
 float world_ray_offset(
     vec3 reach, vec3 object_position, mat4x3 world_from_object, mat3 cofactors, vec3 object_normal
 ) {
-    vec3 n = abs(object_normal), at = abs(object_position);
+    vec3 n = abs(object_normal), at = reach;
+    if (SCENE_LARGE) { at = abs(object_position); }
     vec3 turned = cofactors * object_normal;
-    float per_object_unit = abs(dot(normalize(turned), mat3(world_from_object) * object_normal));
     vec3 world_reach = abs(world_from_object[0]) * at.x + abs(world_from_object[1]) * at.y
         + abs(world_from_object[2]) * at.z + abs(world_from_object[3]);
     vec3 spread = abs(cofactors[0]) * n.x + abs(cofactors[1]) * n.y + abs(cofactors[2]) * n.z;
-    float sloping = n.x + n.y + n.z > max_component(n) ? 0.125 * max_component(reach) : 0.0;
-    float bound = (dot(reach, n) + sloping) * per_object_unit + dot(world_reach, spread) / length(turned);
+    float bound = dot(world_reach, spread);
+    if (SCENE_LARGE) {
+        float sloping = n.x + n.y + n.z > max_component(n) ? 0.125 * max_component(reach) : 0.0;
+        // The determinant over the length of `turned` is how far a unit along the normal reaches in world space.
+        bound += (dot(reach, n) + sloping) * abs(dot(world_from_object[0], cofactors[0]));
+    }
+    float offset = 16.0 * ROUNDING_UNIT * bound * inversesqrt(dot(turned, turned));
     // Not 0, or the origin of a ray would be on the triangle.
-    return 16.0 * ROUNDING_UNIT * bound + ROUNDING_UNIT * max_component(world_reach) + 1e-30;
+    return SCENE_LARGE ? offset + ROUNDING_UNIT * max_component(world_reach) + 1e-30 : offset;
 }
 
 TrianglePoint resolve_triangle(Instance instance, Mesh mesh, uint triangle, vec2 barycentrics) {
@@ -73,8 +80,10 @@ TrianglePoint resolve_triangle(Instance instance, Mesh mesh, uint triangle, vec2
     point.world_position = m * vec4(object_position, 1.0);
     // The cofactor matrix transforms normals without a division. Its sign keeps the front of mirrored instances.
     mat3 cofactors = mat3(cross(m[1], m[2]), cross(m[2], m[0]), cross(m[0], m[1]));
-    cofactors *= dot(m[0], cofactors[0]) < 0.0 ? -1.0 : 1.0;
+    float determinant = dot(m[0], cofactors[0]);
+    cofactors *= determinant < 0.0 ? -1.0 : 1.0;
     point.normal_matrix = cofactors;
+    point.determinant = abs(determinant);
 
     float extent = max(max_component(abs(edge_1)), max_component(abs(edge_2)));
     point.area = point.extent = 0.0;
@@ -87,7 +96,8 @@ TrianglePoint resolve_triangle(Instance instance, Mesh mesh, uint triangle, vec2
         point.extent = extent * max(max_component(abs(world_1)), max_component(abs(world_2)));
     }
     point.geometric_world_normal = safe_normalize(cofactors * object_normal, vec3(0.0, 0.0, 1.0));
-    vec3 reach = abs(corner) + max(abs(edge_1), abs(edge_2));
+    vec3 reach = abs(corner) + extent;
+    if (SCENE_LARGE) { reach = abs(corner) + max(abs(edge_1), abs(edge_2)); }
     point.ray_offset = world_ray_offset(reach, object_position, m, cofactors, object_normal);
     point.texture_point = texture_point(mesh, point.vertices, barycentrics);
     return point;
@@ -150,15 +160,17 @@ vec3 resolve_smooth_normal(Mesh mesh, TrianglePoint point, vec3 weights, out mat
 // normals of the vertices, since those of a cube and of spikes stand for no curve, and a ray that starts far off may
 // start behind a wall; and light that passes has no lift. `side`: 1 on the front, -1 on the back.
 const float MAX_LIFT = 0.25;  // over the square root of the triangle's area
-float find_lift(TrianglePoint point, mat3 world_from_object, vec3 weights, mat3 vertex_normals, float side) {
+float find_lift(TrianglePoint point, vec3 weights, mat3 vertex_normals, float side) {
     mat3 edges = mat3(vec3(0.0), point.object_edges[1], point.object_edges[2]);
-    edges = world_from_object * edges;
     vec3 to_point = edges * weights;  // from the first vertex
     float lift = 0.0, least_cosine = 1.0;
     for (uint i = 0u; i < 3u; i++) {
-        vec3 normal = safe_normalize(point.normal_matrix * vertex_normals[i], vec3(0.0));
-        float cosine = dot(normal, point.geometric_world_normal);
-        lift += weights[i] * max(side * dot(edges[i] - to_point, normal), 0.0) * cosine;
+        vec3 normal = point.normal_matrix * vertex_normals[i];
+        float inverse_length = inversesqrt(max(dot(normal, normal), 1e-30));
+        float cosine = dot(normal, point.geometric_world_normal) * inverse_length;
+        // in world space, where dot products of an edge and a normal are the determinant times those in object space
+        float above = point.determinant * dot(edges[i] - to_point, vertex_normals[i]) * inverse_length;
+        lift += weights[i] * max(side * above, 0.0) * cosine;
         least_cosine = min(least_cosine, cosine);
     }
     lift *= saturate(10.0 * least_cosine - 8.0);
@@ -233,6 +245,14 @@ SurfaceInteraction resolve_surface_interaction(Hit hit, Mesh mesh, vec3 ray_dire
     surface.geometric_world_normal = front_face ? point.geometric_world_normal : -point.geometric_world_normal;
     surface.ray_offset = point.ray_offset;
     surface.extent = point.extent;
+    float side = front_face ? 1.0 : -1.0;
+    vec3 weights = vec3(1.0 - hit.barycentrics.x - hit.barycentrics.y, hit.barycentrics);
+    mat3 vertex_normals;
+    vec3 smooth_normal = resolve_smooth_normal(mesh, point, weights, vertex_normals);
+    surface.lift = 0.0;
+    if (SCENE_SMOOTH_NORMALS && (mesh.flags & MESH_SMOOTH_NORMALS) != 0u) {
+        surface.lift = find_lift(point, weights, vertex_normals, side);
+    }
     surface.area_pdf_by_power = 0.0;
     if (instance.light_index != NO_INDEX && point.area > 0.0) {
         surface.area_pdf_by_power =
@@ -247,18 +267,11 @@ SurfaceInteraction resolve_surface_interaction(Hit hit, Mesh mesh, vec3 ray_dire
         has_uvs(mesh, 0u) ? footprint_lod(uv_edges(mesh, point.vertices, 0u), surface_lod) : 0.0;
     vec3 color = vertex_color(mesh, point.vertices, hit.barycentrics).rgb;
     surface.material = resolve_material(material, color, point.texture_point, front_face);
-    vec3 weights = vec3(1.0 - hit.barycentrics.x - hit.barycentrics.y, hit.barycentrics);
-    mat3 vertex_normals;
-    vec3 smooth_normal = resolve_smooth_normal(mesh, point, weights, vertex_normals);
+    if (transmits(surface.material)) { surface.lift = 0.0; }
     vec3 normal = smooth_normal;
     if (material.normal_texture != NO_INDEX) {
         mat3 tangents = resolve_tangents(instance, mesh, point, hit.barycentrics, normal, material.normal_texture);
         normal = map_normal(material.normal_texture, material.normal_scale, point.texture_point, tangents);
-    }
-    float side = front_face ? 1.0 : -1.0;
-    surface.lift = 0.0;
-    if ((mesh.flags & MESH_HAS_NORMALS) != 0u && !transmits(surface.material)) {
-        surface.lift = find_lift(point, mat3(instance.world_from_object), weights, vertex_normals, side);
     }
     surface.world_normal = bend_shading_normal(side * normal, surface.geometric_world_normal, -ray_direction);
     if (SCENE_LAYERS) {

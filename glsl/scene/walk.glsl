@@ -33,7 +33,8 @@ const uint MAX_DELTA_BOUNCES = 64u;  // these don't count towards the limit of o
 
 // The medium on the side of a surface that wo is not on, for a ray in `medium`.
 Medium medium_below(uint instance, ResolvedMaterial material, Medium medium) {
-    if (!SCENE_TRANSMISSION || !material.base.solid) { return medium; }
+    if (!SCENE_ABSORPTION) { return NO_MEDIUM; }
+    if (!material.base.solid) { return medium; }
     // From within (base.inside), that is what lies around the solid.
     return material.base.inside ? Medium(medium.around, NO_INDEX)
         : Medium(instances.at[instance].material, medium.material);
@@ -193,7 +194,7 @@ SurfaceInteraction arrive_at_surface(inout Walk walk, Hit hit) {
     walk.throughput *= transmittance(walk.medium, hit.t);
     SurfaceInteraction surface = resolve_surface_interaction(hit, walk.direction, walk.cone_width);
     // A path that was stored has forgotten where its ray began.
-    if (hit.t > 0.0) { move_to_ray(surface, walk.origin, hit.t * walk.direction); }
+    if (SCENE_LARGE && hit.t > 0.0) { move_to_ray(surface, walk.origin, hit.t * walk.direction); }
     return surface;
 }
 
@@ -253,13 +254,15 @@ float hit_light_pdf(Receiver receiver, Hit hit, SurfaceInteraction surface, vec3
     return pdf * leaf_choice_probability(leaf, receiver) / light_leaves.at[leaf].by_power.probability;
 }
 
-// The origin of rays in a direction, offset to that side of the surface. Rays with a cosine of more than 0.2 need no
-// lift, and keep contact shadows.
+// How much of a surface's lift a ray needs: none above a cosine of 0.2 with the geometric normal, where it would cost
+// contact shadows.
+float lift_along(float lift, float cosine) { return SCENE_SMOOTH_NORMALS ? lift * saturate(2.0 - 10.0 * cosine) : 0.0; }
+
+// The origin of rays in a direction, offset to that side of the surface.
 vec3 ray_origin(vec3 position, vec3 geometric_normal, float ray_offset, float lift, vec3 direction) {
     float cosine = dot(direction, geometric_normal);
     bool transmits = SCENE_TRANSMISSION && cosine < 0.0 && lift == 0.0;
-    float offset = ray_offset + lift * saturate(2.0 - 10.0 * cosine);
-    return position + (transmits ? -offset : offset) * geometric_normal;
+    return position + (transmits ? -ray_offset : ray_offset + lift_along(lift, cosine)) * geometric_normal;
 }
 
 vec3 ray_origin(SurfaceInteraction surface, vec3 direction) {
@@ -317,7 +320,7 @@ struct NextEvent {
 vec3 trace_shadow_ray(vec3 origin, Medium medium, ResolvedLightSample light_sample) {
     light_sample = shadow_sample_for_receiver(light_sample, origin);
     vec3 visible = trace_light_transmittance(origin, light_sample);
-    if (!SCENE_TRANSMISSION || medium.material == NO_INDEX) { return visible; }
+    if (!SCENE_ABSORPTION || medium.material == NO_INDEX) { return visible; }
     bool far = is_at_infinity(light_sample.kind);
     return visible * transmittance(medium, far ? INFINITY : distance(origin, light_sample.world_position));
 }

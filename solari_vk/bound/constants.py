@@ -15,6 +15,7 @@ MESH_HAS_NORMALS = 1
 MESH_HAS_UVS = 2
 MESH_HAS_TANGENTS = 4
 MESH_HAS_COLORS = 8
+MESH_SMOOTH_NORMALS = 16  # triangles may have corners whose normals differ
 
 # Flags of a material record.
 MATERIAL_DOUBLE_SIDED = 1  # its back side emits too

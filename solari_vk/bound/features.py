@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from types import NoneType
 from typing import Any
 
 import numpy as np
@@ -28,11 +29,12 @@ from solari_vk.scene.objects import Instance, Mesh
 
 @dataclass(frozen=True)
 class Feature:
-    """A row of `FEATURES`: the class of what may have the feature in a scene, and whether one has it."""
+    """A row of `FEATURES`: the class of what may have the feature in a scene, and whether one has it. Without a class,
+    the feature is added by its constant."""
 
     name: str
-    source: type[Any]
-    is_in: Callable[[Any], bool]
+    source: type[Any] = NoneType
+    is_in: Callable[[Any], bool] = bool
     is_lobe: bool = False
     """Whether the feature adds a lobe, or several, to those that nearly all materials have."""
     transmits: bool = False
@@ -55,7 +57,9 @@ FEATURES = (
     Feature("PROXIES", Instance, lambda instance: instance.ray_mesh is not None),
     Feature("ALPHA", Instance, lambda instance: instance.alpha_mode != "opaque"),
     Feature("BLEND", Instance, lambda instance: instance.alpha_mode == "blend"),
+    Feature("LARGE"),  # instances of LARGE_SIZE and more, which SceneRecords finds as it writes them
     Feature("VERTEX_COLORS", Mesh, lambda mesh: mesh.colors is not None),
+    Feature("SMOOTH_NORMALS"),  # as Geometry finds when it packs a mesh
     Feature("SECOND_UVS", Texture, lambda texture: texture.uv_set > 0),
     Feature("GLASS", Material, lambda material: material.transmission > 0, is_lobe=True, transmits=True),
     Feature(
@@ -73,6 +77,10 @@ FEATURES = (
     Feature("LENSES", Camera, lambda camera: camera.has_lens),
 )
 LENSES = "SCENE_LENSES"
+LARGE = "SCENE_LARGE"
+SMOOTH_NORMALS = "SCENE_SMOOTH_NORMALS"
+LARGE_SIZE = 100.0
+"""In meters: the bits of barycentrics say where a point is on a triangle of that size to .01 mm."""
 ABSORPTION = "SCENE_ABSORPTION"
 LOBES = frozenset(feature.constant for feature in FEATURES if feature.is_lobe)
 

@@ -12,7 +12,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from solari_vk.bound.features import Features
+from solari_vk.bound.constants import MESH_SMOOTH_NORMALS
+from solari_vk.bound.features import SMOOTH_NORMALS, Features
 from solari_vk.bound.mesh_parts import ADDRESSES, copy_of_positions, mesh_parts, pack_attributes
 from solari_vk.bound.mesh_structures import MeshStructures
 from solari_vk.bound.mesh_tensors import MeshTensors
@@ -221,6 +222,10 @@ class Geometry:
         self._uploaded[mesh] = now
         self.table.mark([self.rows[mesh]])
         record = self.table.records[self.rows[mesh]]
+        if isinstance(now["normals"], DeviceTensor):
+            record["flags"] |= MESH_SMOOTH_NORMALS
+        if record["flags"] & MESH_SMOOTH_NORMALS:
+            self._features.add(SMOOTH_NORMALS)
         has_tensors = mesh in self.tensors
         return TriangleGeometry(
             positions=int(record["positions"]),

@@ -7,7 +7,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from solari_vk.bound.constants import MESH_HAS_COLORS, MESH_HAS_NORMALS, MESH_HAS_TANGENTS, MESH_HAS_UVS
+from solari_vk.bound.constants import (
+    MESH_HAS_COLORS,
+    MESH_HAS_NORMALS,
+    MESH_HAS_TANGENTS,
+    MESH_HAS_UVS,
+    MESH_SMOOTH_NORMALS,
+)
 from solari_vk.gpu.device import raw
 from solari_vk.gpu.device.barriers import full_barrier
 from solari_vk.gpu.device.buffer import Buffer
@@ -16,6 +22,8 @@ from solari_vk.scene.model import Mesh
 
 # The fields of a mesh's record that are addresses in its buffer, in the order of memory.
 ADDRESSES = ("positions", "triangles", "attributes", "more_uvs", "colors")
+TRIANGLES_OF_PART = 65536
+LARGEST_DIFFERENCE = 1e-3  # between the normals of one flat triangle, for what files round
 
 
 def pack_attributes(mesh: Mesh, layout: np.dtype[Any]) -> tuple[int, NDArray[Any] | None]:
@@ -33,10 +41,24 @@ def pack_attributes(mesh: Mesh, layout: np.dtype[Any]) -> tuple[int, NDArray[Any
     return flags, attributes if flags else None
 
 
+def has_smooth_normals(mesh: Mesh) -> bool:
+    """Whether the corners of a triangle differ in their normals. Those of poses may."""
+    if mesh.normals is None or mesh.deformation is not None:
+        return mesh.normals is not None
+    # in parts, since most meshes with such normals have them on their first triangles
+    for first in range(0, len(mesh.triangles), TRIANGLES_OF_PART):
+        corners = mesh.normals[mesh.triangles[first : first + TRIANGLES_OF_PART]]
+        if np.any(np.abs(corners - corners[:, :1]) > LARGEST_DIFFERENCE):
+            return True
+    return False
+
+
 def mesh_parts(mesh: Mesh, triangles: NDArray[np.uint32], layout: np.dtype[Any]) -> tuple[int, dict[str, NDArray[Any]]]:
     """A mesh's flags, and what its addresses point to, in the order of memory: positions, triangles in the order that
     is given, and other attributes if there are any. layout: of the attributes' records."""
     flags, attributes = pack_attributes(mesh, layout)
+    if has_smooth_normals(mesh):
+        flags |= MESH_SMOOTH_NORMALS
     parts: dict[str, NDArray[Any]] = {"positions": mesh.positions, "triangles": triangles}
     if attributes is not None:
         parts["attributes"] = attributes

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from solari_vk.base.errors import SolariError
 from solari_vk.bound.assets import Assets
 from solari_vk.bound.constants import NO_INDEX, WITHOUT_BLEND, WITHOUT_DISPERSION
+from solari_vk.bound.features import LARGE, LARGE_SIZE
 from solari_vk.bound.geometry import DeviceMesh
 from solari_vk.bound.lights.emissive_meshes import Emission, Emissions
 from solari_vk.bound.lights.light_list import LightList, Position
@@ -380,6 +381,9 @@ class SceneRecords:
         x -= self._origin[0]
         y -= self._origin[1]
         z -= self._origin[2]
+        scale = max(map(abs, (a, b, c, d, e, f, g, h, i)))
+        if 2 * scale * float(self._geometry.half_sizes[ray_mesh].max()) >= LARGE_SIZE:
+            self._assets.features.add(LARGE)
         columns = (a, d, g, b, e, h, c, f, i, x, y, z)  # matrices of GLSL lie in memory column by column
         self.instance_table.set(
             row,

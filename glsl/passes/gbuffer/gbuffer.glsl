@@ -85,7 +85,8 @@ float gbuffer_ray_offset(SurfaceInteraction surface, uint instance_index, float 
     mat3 cofactors = mat3(cross(m[1], m[2]), cross(m[2], m[0]), cross(m[0], m[1]));
     vec3 object_normal = normalize(surface.geometric_world_normal * mat3(m));
     vec3 largest = max(abs(mesh.bounds_min), abs(mesh.bounds_max));
-    return offset + world_ray_offset(largest + mesh.bounds_max - mesh.bounds_min, largest, m, cofactors, object_normal);
+    vec3 reach = largest + max_component(mesh.bounds_max - mesh.bounds_min);
+    return offset + world_ray_offset(reach, largest, m, cofactors, object_normal);
 }
 
 // The upper halves of two positive floats, rounded up.
@@ -127,7 +128,7 @@ GBufferSurface load_gbuffer(uvec2 pixel) {
     if (surface.exists) {
         uint offsets = imageLoad(gbuffer_offsets, at).x;
         surface.ray_offset = uintBitsToFloat(offsets << 16u);
-        surface.lift = uintBitsToFloat(offsets & 0xFFFF0000u);
+        if (SCENE_SMOOTH_NORMALS) { surface.lift = uintBitsToFloat(offsets & 0xFFFF0000u); }
     }
     if (SCENE_LOBES && surface.exists) {
         PackedLobes packed = gbuffer_lobes.at[element_index(pixel, camera.size)];

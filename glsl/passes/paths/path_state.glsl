@@ -49,7 +49,7 @@ Path load_path_state(uint pixel_index) {
     path.sum_of_inverse_pdfs = state.sum_of_inverse_pdfs;
     path.footprint = state.footprint;
     path.walk.cone_width = state.cone_width;
-    path.walk.medium = state.medium;
+    if (SCENE_ABSORPTION) { path.walk.medium = state.medium; }
     return path;
 }
 

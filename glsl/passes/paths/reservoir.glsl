@@ -128,7 +128,7 @@ vec3 trace_sample_transmittance(Vertex vertex, PathReservoir reservoir, bool in_
     float t_max = 1.0;
     if (is_path_sample(reservoir)) {
         if (SCENE_TRANSMISSION || vertex.lift > 0.0) {
-            origin = ray_origin(vertex, hit_position(reservoir) - vertex.position);
+            origin = ray_origin(vertex, safe_normalize(hit_position(reservoir) - vertex.position, vec3(0.0)));
         }
         to_sample = hit_position(reservoir) - origin;
         // ends before the point by the rounding error of a ray of this length
@@ -138,7 +138,7 @@ vec3 trace_sample_transmittance(Vertex vertex, PathReservoir reservoir, bool in_
         bool at_infinity = is_at_infinity(light.kind);
         if (SCENE_TRANSMISSION || SCENE_PORTAL || vertex.lift > 0.0) {
             vec3 end = light_sample_for_receiver(light, vertex.position).world_position;
-            origin = ray_origin(vertex, at_infinity ? end : end - vertex.position);
+            origin = ray_origin(vertex, safe_normalize(at_infinity ? end : end - vertex.position, vec3(0.0)));
             light = for_shadow_ray(light, end);
         }
         to_sample = shadow_ray_segment(origin, light);

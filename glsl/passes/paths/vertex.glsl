@@ -10,9 +10,8 @@
 struct Vertex {
     vec3 position;
     vec3 geometric_normal;  // faces the direction from which the vertex is seen
-    float ray_offset;       // of rays that leave the vertex: SurfaceInteraction
-    float lift;             // likewise
-    vec3 origin;            // of such rays on the side of geometric_normal, without the lift
+    vec3 origin;            // of rays that leave the vertex on the side of geometric_normal, without the lift
+    float lift;             // SurfaceInteraction.lift
     mat3 frame;             // its z axis is the shading normal; v * frame is v in the frame
     vec3 wo;                // in that frame
     Brdf brdf;
@@ -26,9 +25,8 @@ Vertex make_vertex(
     Vertex vertex;
     vertex.position = position;
     vertex.geometric_normal = geometric_normal;
-    vertex.ray_offset = ray_offset;
-    vertex.lift = lift;
     vertex.origin = position + ray_offset * geometric_normal;
+    vertex.lift = lift;
     vertex.frame = orthonormalize(shading_normal);
     vertex.wo = wo * vertex.frame;
     vertex.above = vertex.below = NO_MEDIUM;
@@ -43,7 +41,10 @@ Medium medium_towards(Vertex vertex, vec3 direction) {
 
 // The origin of rays in a direction, offset to that side of the surface.
 vec3 ray_origin(Vertex vertex, vec3 direction) {
-    return ray_origin(vertex.position, vertex.geometric_normal, vertex.ray_offset, vertex.lift, direction);
+    float cosine = dot(direction, vertex.geometric_normal);
+    bool transmits = SCENE_TRANSMISSION && cosine < 0.0 && vertex.lift == 0.0;
+    if (transmits) { return 2.0 * vertex.position - vertex.origin; }
+    return vertex.origin + lift_along(vertex.lift, cosine) * vertex.geometric_normal;
 }
 
 // BRDF times cosine, by lobe.
