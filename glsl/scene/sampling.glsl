@@ -108,6 +108,11 @@ float portal_choice_ratio(uint index, Receiver receiver) {
     return leaf_choice_probability(light.first_leaf, receiver) / light_probability_by_power(light);
 }
 
+// The probability with which a receiver chooses a light at infinity.
+float choice_probability_at_infinity(LightSource light, Receiver receiver) {
+    return LIGHT_STRATA ? leaf_choice_probability(light.first_leaf, receiver) : light_probability_by_power(light);
+}
+
 // Light samples of an environment come from several strategies: its map, and each portal. Its radiance is split among
 // them by the balance heuristic (scene/lights/portal.glsl), and each share is a MIS problem of its own: a ray that hits
 // the environment against light samples of that strategy, by the power heuristic. Returns the ray's weight for one
@@ -134,7 +139,8 @@ vec3 mis_weighted_environment(
         // with 1 for pdf_sum, which is known after the loop
         through_portals += strategy_weight(portal_pdf, portal_choice_ratio(i, receiver), 1.0, mis_pdf);
     }
-    float weight = strategy_weight(map_pdf, 1.0, pdf_sum, mis_pdf);
+    float choice_ratio = choice_probability_at_infinity(light, receiver) / light_probability_by_power(light);
+    float weight = strategy_weight(map_pdf, LIGHT_STRATA ? choice_ratio : 1.0, pdf_sum, mis_pdf);
     return light_hit.radiance * (through_portals > 0.0 ? weight + through_portals / pdf_sum : weight);
 }
 
@@ -148,7 +154,8 @@ vec3 mis_weighted_radiance_at_infinity(vec3 direction, float mis_pdf, Receiver r
         if (has_portals() && light.kind == LIGHT_ENVIRONMENT && mis_pdf != INFINITY) {
             radiance += mis_weighted_environment(light, light_hit, direction, mis_pdf, receiver);
         } else {
-            radiance += mis_weighted_radiance(light_hit, light_probability_by_power(light), mis_pdf);
+            float probability = choice_probability_at_infinity(light, receiver);
+            radiance += mis_weighted_radiance(light_hit, probability, mis_pdf);
         }
     }
     return radiance;

@@ -325,15 +325,13 @@ vec3 trace_shadow_ray(vec3 origin, Medium medium, ResolvedLightSample light_samp
     return visible * transmittance(medium, far ? INFINITY : distance(origin, light_sample.world_position));
 }
 
-// One light sample, chosen for the receiver. `mis`: with its MIS weight against BRDF samples.
-NextEvent sample_light(
-    Walk walk, SurfaceInteraction surface, Brdf brdf, mat3 frame, vec3 wo, Medium below, Receiver receiver, bool mis,
+// A sample of a leaf. `mis`: with its MIS weight against BRDF samples.
+NextEvent sample_leaf(
+    Walk walk, SurfaceInteraction surface, Brdf brdf, mat3 frame, vec3 wo, Medium below, ChosenLeaf chosen, bool mis,
     inout uint rng
 ) {
     NextEvent event;
     event.radiance = vec3(0.0);
-    if (scene_info.light_count == 0u) { return event; }
-    ChosenLeaf chosen = choose_leaf(receiver, rng);
     LightSample light_sample = sample_leaf(chosen.leaf, rng);
     ResolvedLightSample resolved = resolve_light_sample(light_sample, chosen.probability);
     LightContribution light = calculate_resolved_light_contribution(resolved, surface.world_position);
@@ -347,6 +345,67 @@ NextEvent sample_light(
     if (mis) { value *= power_heuristic(light.solid_angle_pdf, brdf_pdf(brdf, wo, wi)); }
     event.radiance = walk.throughput * value;
     return event;
+}
+
+// One of several samples, by weighted reservoir sampling. The weight is the square root of what a sample sends without
+// occlusion, since the strongest may be occluded.
+struct LightPick {
+    NextEvent event;
+    float weight;      // of the event
+    float weight_sum;
+    float sent;        // luminance of all samples together
+};
+
+LightPick no_pick() {
+    LightPick pick;
+    pick.event.radiance = vec3(0.0);
+    pick.weight = pick.weight_sum = pick.sent = 0.0;
+    return pick;
+}
+
+void add_to_pick(inout LightPick pick, NextEvent next, inout uint rng) {
+    float sent = luminance(next.radiance), weight = sqrt(sent);
+    if (!(sent > 0.0)) { return; }
+    pick.sent += sent;
+    if (choose_weighted(pick.weight_sum, weight, rng)) {
+        pick.event = next;
+        pick.weight = weight;
+    }
+}
+
+// The share of choices between lights at infinity and others that ignores what they send, since walls may hide one.
+const float EQUAL_SHARE = 0.5;
+
+// A light sample for the receiver: where there are strata, that of one of them, chosen by what they send.
+NextEvent sample_light(
+    Walk walk, SurfaceInteraction surface, Brdf brdf, mat3 frame, vec3 wo, Medium below, Receiver receiver, bool mis,
+    inout uint rng
+) {
+    LightPick near = no_pick(), far = near;
+    if (!LIGHT_STRATA) {
+        if (scene_info.light_count == 0u) { return near.event; }
+        return sample_leaf(walk, surface, brdf, frame, wo, below, choose_leaf(receiver, rng), mis, rng);
+    }
+    uint count = stratum_count();
+    for (uint i = 0u; i < count; i++) {
+        ChosenLeaf chosen = choose_leaf_of(i, receiver, rng);
+        NextEvent next = sample_leaf(walk, surface, brdf, frame, wo, below, chosen, mis, rng);
+        if (is_at_infinity(light_leaves.at[chosen.leaf])) {
+            add_to_pick(far, next, rng);
+        } else {
+            add_to_pick(near, next, rng);
+        }
+    }
+    float far_probability = mix(far.sent / max(near.sent + far.sent, 1e-30), 0.5, EQUAL_SHARE);
+    if (near.sent == 0.0 || far.sent == 0.0) { far_probability = near.sent == 0.0 ? 1.0 : 0.0; }
+    LightPick pick = near;
+    float probability = 1.0 - far_probability;
+    if (rand_f(rng) < far_probability) {
+        pick = far;
+        probability = far_probability;
+    }
+    if (pick.weight > 0.0) { pick.event.radiance *= pick.weight_sum / (pick.weight * probability); }
+    return pick.event;
 }
 
 #endif

@@ -49,6 +49,7 @@ class Feature:
 FEATURES = (
     Feature("ENVIRONMENT", EnvironmentLight, lambda light: True),
     Feature("LIGHT_TREE", LightTree, lambda tree: tree.has_choice),
+    Feature("LIGHT_STRATA", LightTree, lambda tree: tree.has_strata),
     Feature("PORTAL", Portal, lambda light: True),
     Feature("POINT", PunctualLight, lambda light: light.radius == 0),
     Feature("SPHERE", PunctualLight, lambda light: light.radius > 0),

@@ -3,6 +3,7 @@
 #ifndef PASSES_REFERENCE_TRACE_GLSL
 #define PASSES_REFERENCE_TRACE_GLSL
 
+#define LIGHT_STRATA SCENE_LIGHT_STRATA
 #include "passes/reference/bindings.glsl"
 #include "passes/views.glsl"
 #include "scene/walk.glsl"

@@ -9,6 +9,7 @@
 #include "common/random.glsl"
 #include "scene/bindings.glsl"  // LightNode, LightLeaf, and SceneInfo: where the tree is in the tables
 #include "scene/lights/choice.glsl"
+#include "scene/lights/portal_sampling.glsl"  // has_portals
 
 // The point for which a light is sampled, with its shading normal: LightSampleContext in pbrt.
 struct Receiver {
@@ -41,6 +42,43 @@ float importance(LightNode node, Receiver receiver) {
     float height = dot(to_center, receiver.normal) + dot(node.half_size, abs(receiver.normal));
     return max(node.power * inverse * clamp(height * sqrt(inverse), MIN_COSINE, 1.0), MIN_IMPORTANCE);
 }
+
+// ---- strata -----------------------------------------------------------------------------------------
+
+// A shader that takes a sample of each stratum of the lights, and traces one of them (sample_light in scene/walk.glsl),
+// defines LIGHT_STRATA as SCENE_LIGHT_STRATA, which is whether a scene has several: each leaf where they are few, else
+// the tree and the lights at infinity. Others choose among all lights.
+#ifndef LIGHT_STRATA
+#define LIGHT_STRATA false
+#endif
+
+const uint FEW_LEAVES = 4u;
+
+// Portals aren't among few lights: samples of the environment that miss them would be taken for the strongest.
+bool has_few_leaves() { return scene_info.leaf_count <= FEW_LEAVES && !has_portals(); }
+
+uint stratum_count() {
+    if (has_few_leaves()) { return scene_info.leaf_count; }
+    float of_tree = scene_info.tree_probability;
+    return of_tree > 0.0 && of_tree < 1.0 ? 2u : 1u;
+}
+
+bool is_at_infinity(LightLeaf leaf) { return leaf.light >= scene_info.first_light_at_infinity; }
+
+// One of the lights at infinity, by power. There are few of them.
+ChosenLeaf choose_leaf_at_infinity(inout uint rng) {
+    ChosenLeaf chosen = ChosenLeaf(scene_info.first_leaf, 0.0);
+    uint end = scene_info.first_leaf + scene_info.leaf_count;
+    float sum = 0.0;
+    for (uint i = light_sources.at[scene_info.first_light_at_infinity].first_leaf; i < end; i++) {
+        float probability = light_leaves.at[i].by_power.probability;
+        if (choose_weighted(sum, probability, rng)) { chosen = ChosenLeaf(i, probability); }
+    }
+    chosen.probability /= max(sum, 1e-30);
+    return chosen;
+}
+
+// ---- choices ----------------------------------------------------------------------------------------
 
 ChosenLeaf descend_light_tree(Receiver receiver, inout uint rng) {
     LightNode root = light_tree.at[scene_info.light_root];
@@ -96,11 +134,23 @@ ChosenLeaf choose_leaf(Receiver receiver, inout uint rng) {
     return chosen;
 }
 
-// The probability with which a receiver chooses this leaf.
+// Chooses in one of the strata.
+ChosenLeaf choose_leaf_of(uint stratum, Receiver receiver, inout uint rng) {
+    if (has_few_leaves()) { return ChosenLeaf(scene_info.first_leaf + stratum, 1.0); }
+    if (stratum_count() == 1u) { return choose_leaf(receiver, rng); }
+    if (stratum == 1u) { return choose_leaf_at_infinity(rng); }
+    return descend_light_tree(receiver, rng);
+}
+
+// The probability with which a receiver chooses this leaf, of its stratum if there are strata.
 float leaf_choice_probability(uint row, Receiver receiver) {
     LightLeaf leaf = light_leaves.at[row];
-    if (!in_tree(leaf) || receiver.normal == vec3(0.0)) { return leaf.by_power.probability; }
-    return scene_info.tree_probability * node_probability(leaf.node, receiver);
+    if (LIGHT_STRATA && has_few_leaves()) { return 1.0; }
+    bool of_several = LIGHT_STRATA && stratum_count() > 1u;
+    if (!in_tree(leaf) || receiver.normal == vec3(0.0)) {
+        return leaf.by_power.probability / (of_several ? 1.0 - scene_info.tree_probability : 1.0);
+    }
+    return node_probability(leaf.node, receiver) * (of_several ? 1.0 : scene_info.tree_probability);
 }
 
 #endif

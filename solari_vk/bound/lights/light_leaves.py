@@ -19,6 +19,8 @@ Floats = NDArray[np.float64]
 # The share of light samples that takes all lit lights with equal probability, for weak lights that are near and for
 # strong ones behind walls, such as the sun: no light is taken less than half as often as by either rule alone.
 EQUAL_SHARE = 0.5
+# Up to so many leaves the path tracer samples each. scene/lights/tree.glsl has the same number.
+FEW_LEAVES = 4
 # The share of the light samples of environments that goes through portals: in rooms all should, elsewhere none, and
 # which receivers are in rooms isn't known. Samples of all other lights are as many as without portals.
 PORTAL_SHARE = 0.5
@@ -74,7 +76,9 @@ class LightLeaves:
         records["by_power"] = alias_table(weights[self._lights] * self._shares, records["by_power"].dtype)
         self.table.mark(range(self.count))
 
-    def follow(self, ids: NDArray[np.uint32], bounds: Floats, powers: Floats, boxes: dict[int, Floats]) -> float:
+    def follow(
+        self, ids: NDArray[np.uint32], bounds: Floats, powers: Floats, boxes: dict[int, Floats], has_portals: bool
+    ) -> float:
         """Have the tree follow the lights (F,) that are not at infinity; returns how often it chooses.
 
         ids, bounds, powers: as those of `LightTree`. boxes: those of the clusters of lights that have moved.
@@ -99,6 +103,8 @@ class LightLeaves:
         # A refitted tree has the same leaves, and of its nodes only those that changed are uploaded.
         if self.light_tree.leaves is not before:
             self.table.mark(range(self.count))
+        is_few = self.count <= FEW_LEAVES and not has_portals
+        self.light_tree.has_strata = self.count > 1 and (is_few or 0 < in_tree < self.count)
         if 0 < in_tree == self.count:
             return 1.0
         chosen = float(records["by_power"]["probability"][:in_tree].sum(dtype=np.float64))

@@ -285,13 +285,14 @@ class LightList:
         """Update the tree over all lights but those at infinity."""
         info = self.info.records[0]
         finite = int(info["first_light_at_infinity"])
+        has_portals = bool(info["first_portal"] != info["first_pass_through_light"])
         of_analytic = [kind.bounds(light) - self._origin for kind, light in analytic_lights if kind.bounds]
         # A box as its center and half its size becomes one as its min and max.
         emissive = emissive_boxes[:, :1] + emissive_boxes[:, 1:] * ((-1.0,), (1.0,))
         bounds = np.concatenate([emissive, np.reshape(of_analytic, (-1, 2, 3))])
         self.centers = bounds.mean(axis=1)
         moved = {self._index[instance]: boxes - self._origin for instance, boxes in self._clusters.pop_moved()}
-        chance = self.leaves.follow(self.ids[:finite], bounds, self.powers[:finite], moved)
+        chance = self.leaves.follow(self.ids[:finite], bounds, self.powers[:finite], moved, has_portals)
         part_counts = self.sources.records["part_count"][: len(self.powers)]
         info["part_count"] = min(int(part_counts.sum(dtype=np.int64)), NO_INDEX)
         info["tree_probability"] = chance

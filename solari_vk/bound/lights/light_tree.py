@@ -31,6 +31,8 @@ class LightTree:
         """Root first, siblings side by side."""
         self.leaves: NDArray[np.uint32] = np.zeros(0, np.uint32)
         """Each light's leaf (N,). Each tree that is built anew has a new array."""
+        self.has_strata = False
+        """Whether the scene's lights have several strata: scene/lights/tree.glsl."""
         self._ids: NDArray[np.uint32] = np.zeros(0, np.uint32)
         self._new_size = 0.0  # the sum of the nodes' sizes when the tree was built
 
