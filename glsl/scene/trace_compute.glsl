@@ -8,10 +8,11 @@
 // VkGeometryInstanceFlagsKHR.
 const uint FACING_CULL_DISABLE = 1u;
 const uint FORCE_NO_OPAQUE = 8u;
-// In the stack between what is left of the tree over instances and of a mesh's. No leaf has this number.
+// In the stack, below all, and between what is left of the tree over instances and of a mesh's. No leaf has their numbers.
+const uint RAY_ENDS = 0xFFFFFFFEu;
 const uint MESH_ENDS = 0xFFFFFFFFu;
 // A ray leaves at most one child of each node behind.
-const uint STACK_SIZE = 2u * MAX_TREE_HEIGHT + 2u;
+const uint STACK_SIZE = 2u * MAX_TREE_HEIGHT + 3u;
 const float LEAST_DIRECTION = 1e-37;  // its inverse is finite
 
 // A ray in world space, or in that of a mesh.
@@ -89,7 +90,8 @@ Hit traverse(
     Hit hit = NO_HIT;
     uint passed_edges = 0u;
     uint stack[STACK_SIZE];
-    uint top = 0u;
+    stack[0] = RAY_ENDS;
+    uint top = 1u;
     TreeRay ray = make_tree_ray(origin, direction);
     uvec2 nodes = structure;
     uvec2 instances_behind = leaves_behind(structure, TreeNodes(structure).at[0].slot_count);
@@ -98,7 +100,8 @@ Hit traverse(
     uint next = TreeNodes(nodes).at[0].first;
     if (next == NO_ROOT) { return hit; }
     while (true) {
-        if ((next & LEAF) == 0u) {
+        // Down to the next leaf, which threads of a wave then look at together: Aila and Laine.
+        while ((next & LEAF) == 0u) {
             TreeNode node = TreeNodes(nodes).at[next];
             float first, second;
             bool meets_first = meets_box(ray, node.first_low, node.first_high, t_min, t_max, first);
@@ -107,13 +110,14 @@ Hit traverse(
                 bool second_is_nearer = second < first;
                 stack[top++] = second_is_nearer ? node.first : node.second;
                 next = second_is_nearer ? node.second : node.first;
-                continue;
-            }
-            if (meets_first || meets_second) {
+            } else if (meets_first || meets_second) {
                 next = meets_first ? node.first : node.second;
-                continue;
+            } else {
+                next = stack[--top];
             }
-        } else if (next == MESH_ENDS) {
+        }
+        if (next == RAY_ENDS) { break; }
+        if (next == MESH_ENDS) {
             ray = make_tree_ray(origin, direction);
             nodes = structure;
             in_mesh = false;
@@ -167,7 +171,6 @@ Hit traverse(
                 t_max = found.x;
             }
         }
-        if (top == 0u) { break; }
         next = stack[--top];
     }
     return hit;
