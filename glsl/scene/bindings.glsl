@@ -11,7 +11,7 @@
 // feature X, a row of solari_vk/bound/features.py; the code of features that it lacks costs nothing.
 // SCENE_LAYERS: a coat, sheen, anisotropy or a specular weight; SCENE_LOBES: layers, glass, diffuse transmission or a
 // film; SCENE_TRANSMISSION: glass or diffuse transmission; SCENE_BLEND: alpha mode "blend", or smooth thin-walled
-// glass; SCENE_ALPHA: that, or alpha mode "mask"; SCENE_SMOOTH_NORMALS: triangles whose corners differ in their normals;
+// glass; SCENE_ALPHA: that, or alpha mode "mask"; SCENE_SMOOTH_NORMALS: triangles with corners of different normals;
 // SCENE_LARGE: triangles that may be so large that positions by barycentrics are too coarse. MATERIAL_SOLID: the
 // surface bounds a solid, which light may enter and which absorbs it. MATERIAL_WALL: thin-walled glass, smooth at least
 // in places.

@@ -146,7 +146,10 @@ vec4 tangent_from_uvs(Mesh mesh, TrianglePoint point, uint texture_index, vec3 o
 vec3 resolve_smooth_normal(Mesh mesh, TrianglePoint point, vec3 weights, out mat3 vertex_normals) {
     vec3 normal = point.geometric_world_normal;
     if ((mesh.flags & MESH_HAS_NORMALS) != 0u) {
-        for (uint i = 0u; i < 3u; i++) { vertex_normals[i] = mesh.attributes.at[point.vertices[i]].normal; }
+        vertex_normals = mat3(
+            mesh.attributes.at[point.vertices.x].normal, mesh.attributes.at[point.vertices.y].normal,
+            mesh.attributes.at[point.vertices.z].normal
+        );
         normal = safe_normalize(point.normal_matrix * (vertex_normals * weights), normal);
         normal *= dot(normal, point.geometric_world_normal) < 0.0 ? -1.0 : 1.0;
     }
@@ -161,19 +164,17 @@ vec3 resolve_smooth_normal(Mesh mesh, TrianglePoint point, vec3 weights, out mat
 // start behind a wall; and light that passes has no lift. `side`: 1 on the front, -1 on the back.
 const float MAX_LIFT = 0.25;  // over the square root of the triangle's area
 float find_lift(TrianglePoint point, vec3 weights, mat3 vertex_normals, float side) {
-    mat3 edges = mat3(vec3(0.0), point.object_edges[1], point.object_edges[2]);
-    vec3 to_point = edges * weights;  // from the first vertex
-    float lift = 0.0, least_cosine = 1.0;
-    for (uint i = 0u; i < 3u; i++) {
-        vec3 normal = point.normal_matrix * vertex_normals[i];
-        float inverse_length = inversesqrt(max(dot(normal, normal), 1e-30));
-        float cosine = dot(normal, point.geometric_world_normal) * inverse_length;
-        // in world space, where dot products of an edge and a normal are the determinant times those in object space
-        float above = point.determinant * dot(edges[i] - to_point, vertex_normals[i]) * inverse_length;
-        lift += weights[i] * max(side * above, 0.0) * cosine;
-        least_cosine = min(least_cosine, cosine);
-    }
-    lift *= saturate(10.0 * least_cosine - 8.0);
+    vec3 edge_1 = point.object_edges[1], edge_2 = point.object_edges[2];
+    vec3 to_point = weights.y * edge_1 + weights.z * edge_2;  // from the first vertex
+    mat3 normals = point.normal_matrix * vertex_normals;
+    vec3 squared = vec3(dot(normals[0], normals[0]), dot(normals[1], normals[1]), dot(normals[2], normals[2]));
+    vec3 inverse_lengths = inversesqrt(max(squared, 1e-30));
+    vec3 cosines = point.geometric_world_normal * normals * inverse_lengths;
+    // in object space, whose dot products of an edge and a normal are those in world space over the determinant
+    vec3 of_vertices = vec3(0.0, dot(edge_1, vertex_normals[1]), dot(edge_2, vertex_normals[2]));
+    vec3 below_planes = (of_vertices - to_point * vertex_normals) * (side * point.determinant) * inverse_lengths;
+    float lift = dot(weights * max(below_planes, 0.0), cosines);
+    lift *= saturate(10.0 * min(cosines.x, min(cosines.y, cosines.z)) - 8.0);
     float most = MAX_LIFT * sqrt(point.area);
     return lift > 1e-3 * most ? min(lift, most) : 0.0;  // flat ones have none, whatever rounding says
 }

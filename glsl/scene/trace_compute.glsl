@@ -8,7 +8,7 @@
 // VkGeometryInstanceFlagsKHR.
 const uint FACING_CULL_DISABLE = 1u;
 const uint FORCE_NO_OPAQUE = 8u;
-// In the stack, below all, and between what is left of the tree over instances and of a mesh's. No leaf has their numbers.
+// In the stack, below all, and between what is left of the tree over instances and of a mesh's. No leaf has them.
 const uint RAY_ENDS = 0xFFFFFFFEu;
 const uint MESH_ENDS = 0xFFFFFFFFu;
 // A ray leaves at most one child of each node behind.

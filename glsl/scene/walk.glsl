@@ -382,20 +382,21 @@ NextEvent sample_light(
     inout uint rng
 ) {
     LightPick near = no_pick(), far = near;
-    if (!LIGHT_STRATA) {
-        if (scene_info.light_count == 0u) { return near.event; }
-        return sample_leaf(walk, surface, brdf, frame, wo, below, choose_leaf(receiver, rng), mis, rng);
-    }
-    uint count = stratum_count();
+    uint count = scene_info.light_count == 0u ? 0u : LIGHT_STRATA ? stratum_count() : 1u;
     for (uint i = 0u; i < count; i++) {
-        ChosenLeaf chosen = choose_leaf_of(i, receiver, rng);
+        // One call for both cases, since compilers inline each.
+        ChosenLeaf chosen;
+        if (LIGHT_STRATA) { chosen = choose_leaf_of(i, receiver, rng); } else { chosen = choose_leaf(receiver, rng); }
         NextEvent next = sample_leaf(walk, surface, brdf, frame, wo, below, chosen, mis, rng);
-        if (is_at_infinity(light_leaves.at[chosen.leaf])) {
+        if (!LIGHT_STRATA) {
+            near.event = next;
+        } else if (is_at_infinity(light_leaves.at[chosen.leaf])) {
             add_to_pick(far, next, rng);
         } else {
             add_to_pick(near, next, rng);
         }
     }
+    if (!LIGHT_STRATA) { return near.event; }
     float far_probability = mix(far.sent / max(near.sent + far.sent, 1e-30), 0.5, EQUAL_SHARE);
     if (near.sent == 0.0 || far.sent == 0.0) { far_probability = near.sent == 0.0 ? 1.0 : 0.0; }
     LightPick pick = near;

@@ -75,7 +75,7 @@ def test_pictures_of_both_modules_are_the_same(device):
     """Another lamp, with a tree over both, and a point light change the shaders, which stay so when they are gone."""
     scene = sv.builtin("cornell_box")
     with sv.PathTracer(device, scene, (24, 16), max_bounces=3) as tracer:
-        expected, features = tracer.render(samples=4)["radiance"], {"SCENE_LIGHT_TREE"}
+        expected, features = tracer.render(samples=4)["radiance"], {"SCENE_LIGHT_TREE", "SCENE_LIGHT_STRATA"}
         assert not tracer.binder.features
         for light in (copy.copy(scene.instances[-1]), sv.PointLight((0, 1, 0), intensity=1)):
             scene.add(light)
@@ -85,3 +85,19 @@ def test_pictures_of_both_modules_are_the_same(device):
             tracer.render(samples=1)
             np.testing.assert_array_equal(tracer.render(samples=4)["radiance"], expected)
             features |= {"SCENE_POINT"}
+
+
+def test_edits_bring_features_of_geometry(device):
+    """A flat mesh whose normals become smooth, and a small instance that becomes large, are traced as such."""
+    quad = sv.shapes.quad((0, 0, 0), (1, 0, 0), (0, 0, -1))
+    scene = sv.Scene(sv.DirectionalLight((0, -1, 0)))
+    instance = scene.add(quad, sv.Material())
+    with sv.PathTracer(device, scene, (8, 8)) as tracer:
+        tracer.render(samples=1)
+        assert not tracer.binder.features
+        quad.normals = quad.normals + quad.positions
+        tracer.render(samples=1)
+        assert tracer.binder.features == {"SCENE_SMOOTH_NORMALS"}
+        instance.scale = 60.0
+        tracer.render(samples=1)
+        assert tracer.binder.features == {"SCENE_SMOOTH_NORMALS", "SCENE_LARGE"}

@@ -55,7 +55,9 @@ float importance(LightNode node, Receiver receiver) {
 const uint FEW_LEAVES = 4u;
 
 // Portals aren't among few lights: samples of the environment that miss them would be taken for the strongest.
-bool has_few_leaves() { return scene_info.leaf_count <= FEW_LEAVES && !has_portals(); }
+bool has_few_leaves() {
+    return scene_info.leaf_count > 1u && scene_info.leaf_count <= FEW_LEAVES && !has_portals();
+}
 
 uint stratum_count() {
     if (has_few_leaves()) { return scene_info.leaf_count; }
@@ -137,9 +139,10 @@ ChosenLeaf choose_leaf(Receiver receiver, inout uint rng) {
 // Chooses in one of the strata.
 ChosenLeaf choose_leaf_of(uint stratum, Receiver receiver, inout uint rng) {
     if (has_few_leaves()) { return ChosenLeaf(scene_info.first_leaf + stratum, 1.0); }
-    if (stratum_count() == 1u) { return choose_leaf(receiver, rng); }
     if (stratum == 1u) { return choose_leaf_at_infinity(rng); }
-    return descend_light_tree(receiver, rng);
+    if (scene_info.tree_probability > 0.0) { return descend_light_tree(receiver, rng); }
+    uint row = choose_leaf(rng);
+    return ChosenLeaf(row, light_leaves.at[row].by_power.probability);
 }
 
 // The probability with which a receiver chooses this leaf, of its stratum if there are strata.
