@@ -302,7 +302,8 @@ def _by_command(
         try:
             done = subprocess.run(command, input=source, capture_output=True, check=False, timeout=LONGEST)
         except subprocess.TimeoutExpired:
-            raise Failure(f"{name}: error: {ENDLESS}") from None
+            busy = f"glslc took more than {LONGEST:g} s, on a busy machine or because {ENDLESS}"
+            raise Failure(f"{name}: error: {busy}") from None
     if done.returncode != 0:
         log = done.stderr.decode(errors="replace").replace("<stdin>:", f"{name}:").replace("glslc: error: ", "error: ")
         log = log.replace(folder + os.sep, "")  # generated headers are called by the paths that include them
