@@ -20,7 +20,7 @@ def main(words: Sequence[str] | None = None) -> int:
     try:
         return _main(words)
     except KeyboardInterrupt:
-        print("solari-vk: interrupted, nothing was written", file=sys.stderr)
+        print("solari-vk: interrupted, nothing more was written", file=sys.stderr)
         return 130
 
 

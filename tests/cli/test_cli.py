@@ -551,7 +551,7 @@ def test_ctrl_c_during_imports(monkeypatch, capsys):
     monkeypatch.delitem(sys.modules, "solari_vk.cli.commands")
     monkeypatch.setattr(sys, "meta_path", [Interrupts(), *sys.meta_path])
     assert main(["views"]) == 130
-    assert capsys.readouterr() == ("", "solari-vk: interrupted, nothing was written\n")
+    assert capsys.readouterr() == ("", "solari-vk: interrupted, nothing more was written\n")
 
 
 def test_a_user_without_a_home_has_no_cache(monkeypatch):

@@ -202,7 +202,13 @@ def _await_file(path: Path) -> None:
     """Wait until a file that a worker wrote is seen here: network file systems show it late."""
     deadline = time.monotonic() + LATE_SECONDS
     while not path.exists():
-        os.listdir(path.parent)  # has NFS look at the folder again
+        try:
+            os.listdir(path.parent)  # has NFS look at the folder again
+        except OSError as error:
+            text = (
+                f"{path.parent}: can't be read any more: {error.strerror}: bring the folder back, or give another one"
+            )
+            raise SolariError(text) from None
         if time.monotonic() > deadline:
             raise SolariError(
                 f"{path}: a worker wrote it, but it isn't here: the folder isn't on a file system that all machines "

@@ -42,6 +42,8 @@ def perform(wanted: Identity, options: DeviceOptions, key: str, scene: bytes, jo
             with suppress(ValidationError):
                 _close_session()
             raise
+        except OSError as error:  # a disk that is full or gone: which machine's?
+            raise SolariError(f"worker {get_worker().address}: {error}: mend what the reason names there") from None
         except Exception:
             session.device.check_messages()
             raise

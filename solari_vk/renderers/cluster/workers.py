@@ -41,6 +41,7 @@ class Workers:
         # Workers that answered before `choose_identity` has chosen what all are to be.
         self._candidates: dict[str, Identity] = {}
         self._last_poll = -POLL_SECONDS
+        self._ended = ""  # the first worker that left without an answer
 
     @property
     def is_asking(self) -> bool:
@@ -58,6 +59,7 @@ class Workers:
             if address not in connected:
                 del self._asked[future]
                 future.cancel()
+                self._say_it_ended(address)
         # A refused worker isn't asked again, although another process may have taken its address since.
         known = {*self.accepted, *self.refused, *self._candidates, *self._asked.values()}
         for address in connected - known:
@@ -65,6 +67,15 @@ class Workers:
             future = self._client.submit(identify, self._device_options, workers=[address], pure=False)
             self._asked[future] = address
             future.add_done_callback(self._finished.put)
+
+    def _say_it_ended(self, address: str) -> None:
+        """Say once that a worker ended when it was asked: its nanny starts it again and again."""
+        # Dask ends a worker that can't load what it is sent, as one without the package.
+        if not self._ended:
+            self._ended = address
+            self._say(
+                f"worker {address} ended before it said what it is: its log says why: is solari_vk installed there?"
+            )
 
     def _connected(self) -> set[str]:
         """The addresses of the workers that the scheduler has at the moment."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import shutil
 
 import pytest
 
@@ -116,6 +117,20 @@ def test_files_that_workers_wrote_elsewhere(scene, tmp_path, monkeypatch):
         render_tasks(Painter(comes_back=False), scene, [task], tmp_path / "journal.jsonl")
     lines = (tmp_path / "journal.jsonl").read_text().splitlines()
     assert [list(json.loads(line)) for line in lines] == [["made_of"]]
+
+
+def test_a_folder_that_goes_away_while_workers_write(scene, tmp_path):
+    folder = tmp_path / "views"
+    folder.mkdir()
+
+    class Removing(Painter):
+        def map(self, scene, jobs):
+            shutil.rmtree(folder)
+            yield from super().map(scene, jobs)
+
+    task = RenderTask(STYLE, 0, (View("0.npy", scene.camera),), folder=str(folder))
+    with pytest.raises(sv.SolariError, match="views: can't be read any more: No such file"):
+        render_tasks(Removing(comes_back=False), scene, [task], folder / "journal.jsonl")
 
 
 def test_wrong_tasks_are_refused(scene, tmp_path):

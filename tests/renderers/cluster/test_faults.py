@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import re
 import shutil
@@ -63,20 +64,24 @@ def worker(address, **environment):
 
 
 def test_workers_that_would_render_other_bits_are_refused(any_device, tmp_path):
-    """One has other code, one traces rays in another way; the third renders alone. Then the scheduler goes away."""
+    """One has other code, one traces rays in another way, one lacks the package; the last renders alone. Then the
+    scheduler goes away."""
     copy = tmp_path / "other"
     package = sv.__path__[0]
     shutil.copytree(package, copy / "solari_vk")
     shutil.copytree(Path(package).parent / "glsl", copy / "glsl")
     (copy / "solari_vk" / "color.py").open("a").write("# changed\n")
+    (tmp_path / "solari_vk.py").write_text("raise ImportError")
     said = []
     with ExitStack() as stack:
         started, address = stack.enter_context(scheduler())
-        for changes in ({"SOLARI_VK_RAYS": "query"}, {"SOLARI_VK_RAYS": "pipeline"}, {"PYTHONPATH": str(copy)}):
+        rays = ({"SOLARI_VK_RAYS": "query"}, {"SOLARI_VK_RAYS": "pipeline"})
+        for changes in (*rays, {"PYTHONPATH": str(copy)}, {"PYTHONPATH": str(tmp_path)}):
             stack.enter_context(worker(address, **changes))
         pool = stack.enter_context(WorkerPool(address=address, say=said.append))
         deadline = time.monotonic() + 60
-        while len(pool.refused) < 2 and time.monotonic() < deadline:
+        ended = "ended before it said what it is"
+        while (len(pool.refused) < 2 or ended not in "".join(said)) and time.monotonic() < deadline:
             render_reference(pool, sv.builtin("cornell_box"), (8, 8), samples=1)
         assert pool.worker_count == 1
         reasons = sorted(pool.refused.values())
@@ -84,6 +89,7 @@ def test_workers_that_would_render_other_bits_are_refused(any_device, tmp_path):
         assert code_hash() in reasons[0]
         assert "rays by" in reasons[1]
         assert [line[:22] for line in said if line.startswith("worker tcp://127.0.0.1")]
+        assert ended in "".join(said)
 
         def kill(samples, error):
             started.kill()
@@ -182,6 +188,20 @@ def test_a_lost_device_is_opened_again(pool, tmp_path, capsys):
     assert capsys.readouterr().err.count("the losing job is tried again: the device is lost") == 2
     with pytest.raises(sv.DeviceError, match="the losing job: the device is lost"):
         list(pool.map(scene, [Losing(3, str(tmp_path / "more"))]))
+
+
+def test_a_disk_that_fails_is_named_with_its_worker(pool):
+    """As that for temporary files, which only the worker's machine has."""
+    with pytest.raises(sv.SolariError, match=r"the writing job: worker tcp://127.*: .*No space left on device"):
+        list(pool.map(sv.builtin("cornell_box"), [Writing()]))
+
+
+class Writing:
+    name = "the writing job"
+    clip = None
+
+    def perform(self, session):
+        raise OSError(errno.ENOSPC, "No space left on device")
 
 
 @dataclass
