@@ -225,11 +225,15 @@ def _link_or_copy(path: Path, other: Path) -> None:
 
 
 def remove_unfinished(folder: Path, names: Collection[str]) -> None:
-    """Remove from a folder what a killed process had begun to write of files with these names."""
+    """Remove from a folder what a killed process had begun to write of files with these names, and the folders that
+    `make_beside` made for them."""
     for path in folder.iterdir():
         found = _UNFINISHED.fullmatch(path.name)
         if found and "".join(found.groups()) in names:
-            _remove(path)
+            if path.is_dir():
+                shutil.rmtree(path, ignore_errors=True)
+            else:
+                _remove(path)
 
 
 def check_writable(path: Path) -> None:
@@ -263,6 +267,18 @@ def make_temporary_folder() -> Path:
     except OSError as error:
         reason = error.strerror or error
         raise SolariError(f"no folder for temporary files: {reason}: set TMPDIR to one that has room") from None
+
+
+def make_beside(path: Path) -> Path:
+    """Make a folder beside `path` that nobody can foresee, for files that will replace those there; the caller removes
+    it. Raises SolariError when that fails."""
+    folder = _beside(path)
+    try:
+        folder.mkdir()
+        folder.chmod(stat.S_IMODE(path.parent.stat().st_mode))  # whoever may write there may write here too
+    except OSError as error:
+        raise cannot_be("made", folder, error) from None
+    return folder
 
 
 def cannot_be(done: str, path: Path, error: OSError | RuntimeError) -> SolariError:

@@ -6,9 +6,10 @@ import dataclasses
 import hashlib
 import json
 import os
+import shutil
 import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import closing, contextmanager, suppress
+from contextlib import ExitStack, closing, contextmanager, suppress
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -20,9 +21,11 @@ from solari_vk.base.files import (
     NO_LINK,
     cannot_be,
     charge_json,
+    make_beside,
     open_regular,
     read_regular,
     remove_unfinished,
+    whole_file,
     write_whole,
 )
 from solari_vk.base.folder_lock import lock_folder
@@ -71,6 +74,11 @@ class Journal:
             )
         if rest:
             self._cut(sum(len(line) + 1 for line in lines))
+
+    @property
+    def stem(self) -> str:
+        """The name of the journal's file without its suffix."""
+        return self._path.stem
 
     @property
     def folder(self) -> Path:
@@ -170,18 +178,28 @@ def render_missing(
     progress: Callable[[int], object] | None,
 ) -> int:
     """`render_tasks` with an open journal."""
-    remove_unfinished(journal.folder, {name for task in tasks for name in task.files})
+    own = journal.folder / f"{journal.stem}.workers"
+    remove_unfinished(journal.folder, {own.name, *(name for task in tasks for name in task.files)})
     missing = [task for task in tasks if not journal.has(task)]
     count = _count_views(tasks) - _count_views(missing)
     if progress is not None and progress(count):
         return count
-    # Closing the generator cancels what the workers have not begun, also when an error ends the loop.
-    with closing(pool.map(scene, missing)) as results:
+    with ExitStack() as stack:
+        if isinstance(pool, WorkerPool) and any(task.folder for task in missing):
+            # A worker may go on for long with a task that was called off. In a folder of this run, which is gone then,
+            # it can't replace pictures of a later run.
+            folder = make_beside(own)
+            stack.callback(shutil.rmtree, folder, ignore_errors=True)
+            missing = [
+                task if task.folder is None else dataclasses.replace(task, folder=str(folder)) for task in missing
+            ]
+        # Closing the generator cancels what the workers have not begun, also when an error ends the loop.
+        results = stack.enter_context(closing(pool.map(scene, missing)))
         for done in results:
             # None comes about once a second while nothing is done, so that the progress can end the work.
             if done is not None:
                 task, files = done
-                _store(journal.folder, files)
+                _store(journal.folder, task, files)
                 journal.record(task, {name: file.sha256 for name, file in files.items()})
                 count += len(task.views)
             if progress is not None and progress(count):
@@ -189,11 +207,15 @@ def render_missing(
     return count
 
 
-def _store(folder: Path, files: dict[str, File]) -> None:
-    """Write the files that a worker sent, and wait for those that it wrote itself."""
+def _store(folder: Path, task: RenderTask, files: dict[str, File]) -> None:
+    """Write the files that a worker sent, and wait for those that it wrote itself, in the task's folder."""
     for name, file in files.items():
         if file.data is None:
-            _await_file(folder / name)
+            written = Path(task.folder or folder) / name
+            _await_file(written)
+            if written.parent != folder:
+                with whole_file(folder / name) as temporary:
+                    os.replace(written, temporary)
         else:
             write_whole(folder / name, file.data)
 

@@ -7,11 +7,13 @@ may be endless, and each failure ends in one clear message.
 
 from __future__ import annotations
 
+import asyncio
 import os
 import sys
 import time
 from collections import deque
 from collections.abc import Callable, Iterable
+from concurrent.futures import wait
 from contextlib import ExitStack, closing
 from dataclasses import dataclass
 from numbers import Integral
@@ -30,6 +32,7 @@ CONNECT_SECONDS = 10.0
 ANSWER_SECONDS = 30.0  # after which a pool doesn't wait any more for workers that don't say who they are
 GIVE_UP_SECONDS = 120.0  # without any worker of this machine
 TRIES = 3  # of a job on devices that fail
+_LOST = object()  # in place of the result of a job that is to be tried again
 
 GUARD = "(workers import the script that starts them: write what it does below `if __name__ == '__main__':`)"
 
@@ -237,10 +240,11 @@ class WorkerPool:
                     yield None
                 elif not self._workers.handle_answer(future) and future in out:
                     task = out.pop(future)
-                    if self._succeeded(future, task):
-                        yield task.job, self._result(future)
-                    else:
+                    result = self._result(future, task) if self._succeeded(future, task) else _LOST
+                    if result is _LOST:
                         again.append(task)
+                    else:
+                        yield task.job, result
         finally:
             for future in out:
                 future.cancel()
@@ -261,13 +265,17 @@ class WorkerPool:
         stranded = [future for future, task in out.items() if task.workers.isdisjoint(self._workers.accepted)]
         tasks = []
         for future in stranded:
-            future.cancel()
             task = out.pop(future)
-            task.losses += 1
-            if task.losses >= TRIES:
-                raise SolariError(f"{task.job.name} ended every worker that had it, {TRIES} times in a row")
+            self._recall(future, task)
             tasks.append(task)
         return tasks
+
+    def _recall(self, future: Any, task: _Task) -> None:
+        """Call a task off whose workers are all gone. Raises SolariError for the third time."""
+        future.cancel()
+        task.losses += 1
+        if task.losses >= TRIES:
+            raise SolariError(f"{task.job.name} ended every worker that had it, {TRIES} times in a row")
 
     def _send(self, task: _Task, key: str, scene: Any) -> Any:
         """Have a job done by one of the workers that take part, of which there must be one; returns its future."""
@@ -315,9 +323,18 @@ class WorkerPool:
             raise reworded(error, f"{task.job.name}: {error}")
         raise error
 
-    def _result(self, future: Any) -> Any:
+    def _result(self, future: Any, task: _Task) -> Any:
+        """The result of a job that is done; _LOST if all workers that may do it are gone."""
+        # In dask's thread, because dask waits for ever for workers that are gone to do again what they didn't send.
+        fetched = asyncio.run_coroutine_threadsafe(future._result(), self.client.loop.asyncio_loop)
         try:
-            return future.result()
+            while not wait([fetched], TICK_SECONDS).done:
+                self._workers.poll()
+                if task.workers.isdisjoint(self._workers.accepted):
+                    fetched.cancel()
+                    self._recall(future, task)
+                    return _LOST
+            return fetched.result()
         # The result is fetched from the worker only now, which may have ended since it was done.
         except (OSError, self._distributed.CancelledError) as error:
             self._workers.check_scheduler()

@@ -1,8 +1,11 @@
-"""A disk that is full while workers write pictures: one error, no half-written file, and the next run goes on."""
+"""Workers that write pictures themselves. A full disk: one error, no half-written file, and the next run goes on. And a
+worker that is late: its picture replaces none of a later run."""
 
 from __future__ import annotations
 
 import time
+from dataclasses import dataclass
+from pathlib import Path
 
 import pytest
 from support.files import files_limited_to
@@ -63,3 +66,32 @@ def test_a_full_disk(pool, tmp_path, shared):
     assert not [path for path in tmp_path.iterdir() if path.name.startswith(".")]
     assert render_tasks(pool, scene, four, journal) == 4
     assert {path.name for path in tmp_path.glob("*.npy")} == {f"{n}.npy" for n in range(4)}
+
+
+@dataclass(frozen=True)
+class Late(RenderTask):
+    """Waits for a file, long after its run has called it off."""
+
+    signals: str = ""
+
+    def perform(self, session):
+        Path(self.signals, "begun").touch()
+        while not Path(self.signals, "go").exists():
+            time.sleep(0.05)
+        return super().perform(session)
+
+
+def test_a_late_worker_replaces_no_picture_of_a_later_run(pool, tmp_path):
+    """Its machine was asleep, say, while its task was called off and the folder was rendered anew."""
+    folder = tmp_path / "views"
+    folder.mkdir()
+    scene, (task,) = tasks(str(folder), 1)
+    late = Late(task.style, 0, task.views, folder=str(folder), signals=str(tmp_path))
+    begun = tmp_path / "begun"
+    assert render_tasks(pool, scene, [late], folder / "journal.jsonl", progress=lambda _: begun.exists()) == 0
+    (folder / "0.npy").write_bytes(b"later")
+    (tmp_path / "go").touch()
+    while any(pool.client.run(running).values()):
+        time.sleep(0.05)
+    assert (folder / "0.npy").read_bytes() == b"later"
+    assert {path.name for path in folder.iterdir()} == {"0.npy", "journal.jsonl"}

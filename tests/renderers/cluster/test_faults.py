@@ -204,6 +204,34 @@ class Writing:
         raise OSError(errno.ENOSPC, "No space left on device")
 
 
+def test_a_worker_that_dies_while_it_sends_its_result(any_device, tmp_path):
+    """The one that takes its place does the job again."""
+    with WorkerPool(workers=1) as one:
+        results = filter(None, one.map(sv.builtin("cornell_box"), [Sending(str(tmp_path / "died"))]))
+        assert [text for _, text in results] == ["sent"]
+    assert (tmp_path / "died").exists()
+
+
+@dataclass
+class Sending:
+    """Its result, itself, ends the worker when it is pickled for the first time there."""
+
+    path: str
+    name: str = "the sending job"
+    clip: None = None
+
+    def perform(self, session):
+        return Result(self.path)
+
+
+class Result(str):
+    def __reduce__(self):
+        if not Path(self).exists():
+            Path(self).touch()
+            os._exit(1)
+        return str, ("sent",)
+
+
 @dataclass
 class Losing:
     """Loses its device some times, which it counts by files in a folder."""
