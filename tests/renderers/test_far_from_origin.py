@@ -172,3 +172,15 @@ def test_files_with_coordinates_of_a_country(tmp_path):
     (instance,) = sv.load(path).instances
     found = instance.mesh.positions.astype(np.float64) @ instance.transform[:3, :3].T + instance.transform[:3, 3]
     np.testing.assert_allclose(np.sort(found, axis=0), np.sort(corners, axis=0), atol=1e-3)
+
+
+def test_a_small_lamp_does_not_block_its_own_light(device):
+    """4 km away, where coordinates still count from the scene's origin, its ball is rounded by a tenth of its size."""
+    floors = []
+    for blocks in (False, True):
+        scene = sv.Scene(sv.PointLight((4000, 0.1, 0), intensity=1e-4, radius=0.005, blocks_light=blocks))
+        scene.add(shapes.quad((4000, 0, 0), (0.4, 0, 0), (0, 0, -0.4)), sv.Material(base_color=0.6))
+        scene.camera = sv.Camera.look_at((4000, 0.3, 0.4), (4000, -0.1, 0), vertical_fov=0.3, near=1e-3)
+        with sv.PathTracer(device, scene, SIZE, max_bounces=1) as tracer:
+            floors.append(tracer.render(samples=64)["radiance"].mean())
+    assert floors[1] == pytest.approx(floors[0], rel=0.02)

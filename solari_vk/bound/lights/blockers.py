@@ -9,12 +9,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solari_vk.scene import shapes
+from solari_vk.scene.bounds import FAR
 from solari_vk.scene.builtin import matte
 from solari_vk.scene.lights.punctual import PunctualLight
 from solari_vk.scene.model import Instance, Light, Material, Mesh
 
 # The ball's radius over the sphere's. Rays then meet the light before the ball, also after rounding.
 SHARE = 0.995
+# What rounding takes from the ball, over its coordinates on the device, which are about FAR at most (Scene.origin).
+ROUNDING = 2.0**-22
+LEAST_SHARE = 0.5
 
 
 class Blockers:
@@ -60,7 +64,8 @@ def blocks_light(light: Light | None) -> TypeGuard[PunctualLight]:
 
 def blocker_transform(light: PunctualLight) -> NDArray[np.float64]:
     """Where the ball of a light is (4, 4): world from object."""
-    radius = SHARE * light.radius
+    coordinate = min(float(np.abs(light.position).max()), FAR)
+    radius = max(SHARE * light.radius - ROUNDING * coordinate, LEAST_SHARE * light.radius)
     transform = np.diag([radius, radius, radius, 1.0])
     transform[:3, 3] = light.position
     return transform

@@ -51,6 +51,10 @@ class Views(Hints):
         path = self.folder / NAME
         data = read_json(path, str(path))
         try:
+            suffix = Path(data["frames"][0]["file_path"]).suffix
+            # .exr and .npz files hold their layers themselves.
+            if suffix not in PICTURES:
+                raise SolariError(f"{path}: its pictures are {suffix} files: Views reads {', '.join(PICTURES)}")
             self._frames: list[dict[str, Any]] = list(data["frames"])
             self.size: tuple[int, int] = (int(data["w"]), int(data["h"]))
             if min(self.size) < 1:
@@ -58,11 +62,8 @@ class Views(Hints):
             self._known = ("rgb", *data["layers"])
             # Here, so that no sample fails later for what is wrong in this file.
             self._paths = [self._checked({"rgb": frame["file_path"], **frame["layer_paths"]}) for frame in self._frames]
-            suffix = Path(self._frames[0]["file_path"]).suffix
         except (KeyError, TypeError, ValueError, IndexError, AttributeError, OverflowError) as error:
             raise SolariError(f"{path}: isn't one that `solari-vk dataset` wrote: {error!r}") from None
-        if suffix not in PICTURES:
-            raise SolariError(f"{path}: its pictures are {suffix} files: Views reads {', '.join(PICTURES)}")
         self.names = tuple(name for name in self._known if name not in TRACED) if names is None else tuple(names)
         """What samples have."""
         self._coco: dict[str, list[dict[str, Any]]] | None = None
