@@ -139,8 +139,10 @@ vec3 mis_weighted_environment(
         // with 1 for pdf_sum, which is known after the loop
         through_portals += strategy_weight(portal_pdf, portal_choice_ratio(i, receiver), 1.0, mis_pdf);
     }
-    float choice_ratio = choice_probability_at_infinity(light, receiver) / light_probability_by_power(light);
-    float weight = strategy_weight(map_pdf, LIGHT_STRATA ? choice_ratio : 1.0, pdf_sum, mis_pdf);
+    float by_power = light_probability_by_power(light);  // 0 for a dark one
+    float choice_ratio = 1.0;
+    if (LIGHT_STRATA && by_power > 0.0) { choice_ratio = choice_probability_at_infinity(light, receiver) / by_power; }
+    float weight = strategy_weight(map_pdf, choice_ratio, pdf_sum, mis_pdf);
     return light_hit.radiance * (through_portals > 0.0 ? weight + through_portals / pdf_sum : weight);
 }
 

@@ -382,11 +382,16 @@ NextEvent sample_light(
     inout uint rng
 ) {
     LightPick near = no_pick(), far = near;
-    uint count = scene_info.light_count == 0u ? 0u : LIGHT_STRATA ? stratum_count() : 1u;
+    uint count = min(scene_info.light_count, 1u);
+    if (LIGHT_STRATA && count > 0u) { count = stratum_count(); }
     for (uint i = 0u; i < count; i++) {
         // One call for both cases, since compilers inline each.
         ChosenLeaf chosen;
-        if (LIGHT_STRATA) { chosen = choose_leaf_of(i, receiver, rng); } else { chosen = choose_leaf(receiver, rng); }
+        if (LIGHT_STRATA) {
+            chosen = choose_leaf_of(i, receiver, rng);
+        } else {
+            chosen = choose_leaf(receiver, rng);
+        }
         NextEvent next = sample_leaf(walk, surface, brdf, frame, wo, below, chosen, mis, rng);
         if (!LIGHT_STRATA) {
             near.event = next;

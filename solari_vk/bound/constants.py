@@ -32,6 +32,9 @@ MATERIAL_HIDES_BACK = 64  # cameras look through its back side
 WITHOUT_BLEND = 1
 WITHOUT_DISPERSION = 2
 
+# Up to so many leaves of the tree of lights are sampled each by the path tracer.
+FEW_LEAVES = 4
+
 # The masks of rays through a scene, and through its blended instances alone, among which smooth thin-walled glass
 # counts: `Instance.alpha_mode` of it is "blend". The bit above is that of hidden instances.
 SCENE_MASK = 0x7F

@@ -42,9 +42,9 @@ def pack_attributes(mesh: Mesh, layout: np.dtype[Any]) -> tuple[int, NDArray[Any
 
 
 def has_smooth_normals(mesh: Mesh) -> bool:
-    """Whether the corners of a triangle differ in their normals. Those of poses may."""
-    if mesh.normals is None or mesh.deformation is not None:
-        return mesh.normals is not None
+    """Whether the corners of a triangle differ in their normals."""
+    if mesh.normals is None:
+        return False
     # in parts, since most meshes with such normals have them on their first triangles
     for first in range(0, len(mesh.triangles), TRIANGLES_OF_PART):
         corners = mesh.normals[mesh.triangles[first : first + TRIANGLES_OF_PART]]

@@ -6,6 +6,7 @@ materials to the assets; when these are up to date, `write` writes the records.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable
 from typing import Any
 
@@ -381,7 +382,7 @@ class SceneRecords:
         x -= self._origin[0]
         y -= self._origin[1]
         z -= self._origin[2]
-        scale = max(map(abs, (a, b, c, d, e, f, g, h, i)))
+        scale = math.sqrt(max(a * a + d * d + g * g, b * b + e * e + h * h, c * c + f * f + i * i))
         if 2 * scale * float(self._geometry.half_sizes[ray_mesh].max()) >= LARGE_SIZE:
             self._assets.features.add(LARGE)
         columns = (a, d, g, b, e, h, c, f, i, x, y, z)  # matrices of GLSL lie in memory column by column

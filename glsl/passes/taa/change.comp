@@ -48,7 +48,7 @@ void main() {
     uvec2 pixel = cell * CELL_SIZE + within;
     changes[own] = SampleChange(vec3(0.0), vec3(0.0), vec3(0.0), vec3(0.0), vec3(0.0));
     if (is_cell && is_inside(pixel, camera.size)) { changes[own] = find_change(ivec2(pixel)); }
-    if (this_frame.expected_change == 0.0) { return; }
+    if (all_views.expected_change == 0.0) { return; }  // the same for the whole workgroup, before its barrier
     memoryBarrierShared();
     barrier();
     if (!is_cell || within != uvec2(0u)) { return; }

@@ -52,8 +52,6 @@ float importance(LightNode node, Receiver receiver) {
 #define LIGHT_STRATA false
 #endif
 
-const uint FEW_LEAVES = 4u;
-
 // Portals aren't among few lights: samples of the environment that miss them would be taken for the strongest.
 bool has_few_leaves() {
     return scene_info.leaf_count > 1u && scene_info.leaf_count <= FEW_LEAVES && !has_portals();

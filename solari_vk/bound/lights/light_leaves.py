@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from solari_vk.bound.constants import NO_INDEX
+from solari_vk.bound.constants import FEW_LEAVES, NO_INDEX
 from solari_vk.bound.lights.alias_table import alias_table
 from solari_vk.bound.lights.clusters import Clusters
 from solari_vk.bound.lights.light_kinds import KIND_INDEX
@@ -19,8 +19,6 @@ Floats = NDArray[np.float64]
 # The share of light samples that takes all lit lights with equal probability, for weak lights that are near and for
 # strong ones behind walls, such as the sun: no light is taken less than half as often as by either rule alone.
 EQUAL_SHARE = 0.5
-# Up to so many leaves the path tracer samples each. scene/lights/tree.glsl has the same number.
-FEW_LEAVES = 4
 # The share of the light samples of environments that goes through portals: in rooms all should, elsewhere none, and
 # which receivers are in rooms isn't known. Samples of all other lights are as many as without portals.
 PORTAL_SHARE = 0.5

@@ -43,6 +43,14 @@ SCENES = {
 }
 
 
+def test_a_dark_sky_behind_a_portal(device):
+    scene = stage(LAMPS[:1])
+    scene.environment = sv.Environment((1.0, 1.0, 1.0), intensity=0)
+    scene.add(sv.Portal(center=(0, 1.5, -2), half_u=(1.5, 0, 0), half_v=(0, 1, 0)))
+    with sv.PathTracer(device, scene, SIZE) as tracer:
+        assert np.isfinite(tracer.render(samples=8)["radiance"]).all()
+
+
 def check_strategies(device, name):
     """BRDF samples and light samples alone give the same picture as both: each weight has the right probability."""
     scene = SCENES[name]()
