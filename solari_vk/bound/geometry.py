@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solari_vk.bound.constants import MESH_SMOOTH_NORMALS
-from solari_vk.bound.features import LARGE, SMOOTH_NORMALS, Features
+from solari_vk.bound.features import SMOOTH_NORMALS, Features
 from solari_vk.bound.mesh_parts import ADDRESSES, copy_of_positions, mesh_parts, pack_attributes
 from solari_vk.bound.mesh_structures import MeshStructures
 from solari_vk.bound.mesh_tensors import MeshTensors
@@ -225,8 +225,6 @@ class Geometry:
         # What the device has, and what poses make, isn't known here.
         if isinstance(now["normals"], DeviceTensor) or (mesh.deformation is not None and now["normals"] is not None):
             record["flags"] |= MESH_SMOOTH_NORMALS
-        if isinstance(now["positions"], DeviceTensor):
-            self._features.add(LARGE)
         if record["flags"] & MESH_SMOOTH_NORMALS:
             self._features.add(SMOOTH_NORMALS)
         has_tensors = mesh in self.tensors
