@@ -170,9 +170,8 @@ class RecentEdits:
         self._unedited: Any = PAUSE  # frames without an edit of the kind
 
     def forget(self) -> None:
-        """Forget all edits so far."""
+        """Forget what has changed so far. Edits that go on are still no first ones."""
         self.share = self.share * 0.0
-        self._unedited = PAUSE
 
     def update(self, counts: NDArray[np.int64], of_lights: float = 0.0) -> None:
         """Compare with the previous frame. counts: `SceneRecords.edit_counts`, (3,) or (3, W). of_lights: the share of

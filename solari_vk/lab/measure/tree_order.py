@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from solari_vk.bound import geometry, traced_instances
 from solari_vk.bound.binder import SceneBinder
 from solari_vk.bound.spatial_order import spatial_order
+from solari_vk.gpu import structures
 from solari_vk.gpu.acceleration.blas import Blas
 from solari_vk.gpu.device.device import Device
 from solari_vk.lab.measure.bare_rays import BarePaths
@@ -70,7 +71,7 @@ def _handed(order: Order = spatial_order, **options: Any) -> Iterator[None]:
         # Both places where the binder orders what the driver's builder gets.
         mock.patch.object(geometry, "spatial_order", order),
         mock.patch.object(traced_instances, "spatial_order", order),
-        mock.patch.object(geometry, "Blas", partial(Blas, **options)),
+        mock.patch.object(structures, "Blas", partial(Blas, **options)),
     ):
         yield
 
