@@ -166,10 +166,8 @@ class PoseCommands:
         """Record builds of trees, and refits of each from the other side's."""
         built = [posed.blases[posed.side] for posed, update in poses if not update]
         fitted = [(posed.blases[posed.side], posed.blases[1 - posed.side]) for posed, update in poses if update]
-        builds, refits = (
-            TreeBuilds(self._device, [(tree, tree.job) for tree in built]),
-            TreeRefits(self._device, fitted),
-        )
+        builds = TreeBuilds(self._device, [(tree, tree.job) for tree in built])
+        refits = TreeRefits(self._device, fitted)
         for work in (builds, refits):
             work.record(commands)
         builds.mark_built()

@@ -48,7 +48,9 @@ def scene_structure(device: Device, max_instances: int, name: str) -> SceneStruc
 
 def scene_build(structure: Any, instances: int, count: int) -> TlasBuild | trees.SceneBuild:
     """Its build over `count` records at an address, which can be submitted again and again."""
-    return (trees.SceneBuild if traces_by_compute(structure.device) else TlasBuild)(structure, instances, count)
+    if traces_by_compute(structure.device):
+        return trees.SceneBuild(structure, instances, count)
+    return TlasBuild(structure, instances, count)
 
 
 def scene_builds(
@@ -61,4 +63,6 @@ def scene_builds(
 
 def scene_copy(source: Any, target: Any) -> TlasCopy | trees.SceneCopy:
     """A copy of a structure to another one of the same size, which can be submitted again and again."""
-    return (trees.SceneCopy if traces_by_compute(source.device) else TlasCopy)(source, target)
+    if traces_by_compute(source.device):
+        return trees.SceneCopy(source, target)
+    return TlasCopy(source, target)

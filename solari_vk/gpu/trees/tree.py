@@ -116,6 +116,20 @@ class SceneTree(Tree):
         self.max_instances = max_instances
 
 
+def _record_groups(
+    device: Device, commands: raw.CData, kernel: Kernel, count: int, record_bytes: int, **address: int
+) -> None:
+    """Record a workgroup for each of `count` records, after all earlier and before all later work. address: of the
+    first record, by the name that the kernel has for it."""
+    vk = device.vk
+    vk.vkCmdPipelineBarrier2(commands, full_barrier())
+    for first in range(0, count, MAX_GROUPS):
+        groups = min(count - first, MAX_GROUPS)
+        moved = {name: begin + first * record_bytes for name, begin in address.items()}
+        kernel.record(commands, (GROUP_SIZE * groups, 1), **moved)
+    vk.vkCmdPipelineBarrier2(commands, full_barrier())
+
+
 class TreeBuilds:
     """Builds of trees, a workgroup each, which can be recorded and submitted again. jobs: trees, and what their builds
     read by the names of BUILD_DTYPE."""
@@ -142,13 +156,9 @@ class TreeBuilds:
 
     def record(self, commands: raw.CData) -> None:
         """Record the builds, after all earlier and before all later work."""
-        vk = self._device.vk
-        vk.vkCmdPipelineBarrier2(commands, full_barrier())
-        for first in range(0, len(self.trees), MAX_GROUPS):
-            groups = min(len(self.trees) - first, MAX_GROUPS)
-            address = self._records.address + first * BUILD_DTYPE.itemsize
-            self._kernel.record(commands, (GROUP_SIZE * groups, 1), builds=address)
-        vk.vkCmdPipelineBarrier2(commands, full_barrier())
+        _record_groups(
+            self._device, commands, self._kernel, len(self.trees), BUILD_DTYPE.itemsize, builds=self._records.address
+        )
 
     def mark_built(self) -> None:
         """Note that the builds were submitted."""
@@ -182,13 +192,9 @@ class TreeRefits:
 
     def record(self, commands: raw.CData) -> None:
         """Record the refits, after all earlier and before all later work."""
-        vk = self._device.vk
-        vk.vkCmdPipelineBarrier2(commands, full_barrier())
-        for first in range(0, len(self._pairs), MAX_GROUPS):
-            groups = min(len(self._pairs) - first, MAX_GROUPS)
-            address = self._records.address + first * REFIT_DTYPE.itemsize
-            self._kernel.record(commands, (GROUP_SIZE * groups, 1), refits=address)
-        vk.vkCmdPipelineBarrier2(commands, full_barrier())
+        _record_groups(
+            self._device, commands, self._kernel, len(self._pairs), REFIT_DTYPE.itemsize, refits=self._records.address
+        )
         for tree, _ in self._pairs:
             tree.built = True
 
