@@ -15,6 +15,7 @@ from solari_vk.batch.view_cameras import ViewCameras
 from solari_vk.batch.worlds import Worlds
 from solari_vk.bound.binder import SceneBinder
 from solari_vk.bound.lights.index_translation import with_decayed
+from solari_vk.bound.lights.recent_changes import RecentEdits
 from solari_vk.gpu.device.buffer import Buffer
 from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.frame.frame import Stage
@@ -107,7 +108,7 @@ class BatchRenderer(Renderer):
         self._camera_jitter = np.zeros((count, 2))  # of the latest frame's cameras
         self._shifts = np.zeros((2, 2, count))  # their jitter and principal_shift, as x and y in rendered pixels
         self._jitter_begins = np.zeros(count, np.int64)  # where each view begins in the sequence of jitter
-        self._edited = np.zeros(count)  # RecentEdits.share, as each view has seen it
+        self._view_edits = RecentEdits()  # as each view has seen them, with histories of its own
         # Made before the frame that reads them, and freed here if that can't be made: `_owned` doesn't exist yet.
         owned: list[ViewBuffer | Buffer] = []
         try:
@@ -201,11 +202,12 @@ class BatchRenderer(Renderer):
         if self._change.any() or not self._changes.is_still:
             change = with_decayed(self._change, self._of_views(self._changes.newest))
             self._change = np.where(reset, 0.0, change)
-        self._edits.update(self._worlds.edit_counts)
-        blended = self._of_views(self._edits.blended)
-        edited = with_decayed(self._edited, self._of_views(self._edits.newest))
-        self._edited = np.where(reset, 0.0, edited)
-        expected = np.maximum(self._edited, self._change)
+        counts = self._worlds.edit_counts
+        self._edits.update(counts)
+        self._view_edits.update(self._of_views(counts))
+        self._view_edits.forget(reset)
+        blended = self._view_edits.blended
+        expected = np.maximum(self._view_edits.share, self._change)
         # In most frames of a batch only transforms and jitter change, which `upload_frame` uploads.
         sources = cameras.records, cameras.jitter, seeds, self._change, self._camera_jitter, self._offsets
         size = self._built_render_size
@@ -221,7 +223,7 @@ class BatchRenderer(Renderer):
 
     def _of_views(self, values: NDArray[Any]) -> NDArray[Any]:
         """Values of each world, or one of all, for each view."""
-        return np.repeat(values, len(self._change) // len(values))
+        return np.repeat(values, len(self._change) // values.shape[-1], axis=-1)
 
     def _write_records(self, cameras: ViewCameras, seeds: NDArray[np.uint32], edits: Mapping[str, Any]) -> None:
         """Write what changes seldom. edits: what FrameValues says of edits of the scenes."""

@@ -157,7 +157,8 @@ class RecentChanges:
 
 
 class RecentEdits:
-    """What edits of a scene, or of each of several, have changed: numbers (), or arrays (W,)."""
+    """What edits of a scene, or of each of several, have changed since the history began that follows them: numbers (),
+    or arrays (W,)."""
 
     def __init__(self) -> None:
         self.newest: Any = 0.0
@@ -169,9 +170,10 @@ class RecentEdits:
         self._counts: NDArray[np.int64] | None = None
         self._unedited: Any = PAUSE  # frames without an edit of the kind
 
-    def forget(self) -> None:
-        """Forget what has changed so far. Edits that go on are still no first ones."""
-        self.share = self.share * 0.0
+    def forget(self, where: Any = True) -> None:
+        """Forget all edits so far. where: (W,), of several scenes those that forget."""
+        self.share = np.where(where, 0.0, self.share)
+        self._unedited = np.where(where, PAUSE, self._unedited)
 
     def update(self, counts: NDArray[np.int64], of_lights: float = 0.0) -> None:
         """Compare with the previous frame. counts: `SceneRecords.edit_counts`, (3,) or (3, W). of_lights: the share of
