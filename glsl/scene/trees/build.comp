@@ -128,6 +128,38 @@ bool triangle_box(uint number, out vec3 low, out vec3 high) {
     return finite || build.keeps_all != 0u;
 }
 
+// The inverse in the order of steps in which Mesa's software device inverts the transforms of its instances, so that hits
+// by compute are bit by bit those of ray queries: Gaussian elimination of the transposed matrix, where pivots come up by
+// swaps of neighbors, and substitution from the last row.
+mat4 inverse_by_elimination(mat4 matrix) {
+    precise mat4 left = matrix, right = mat4(1.0);  // a column here is a row there
+    for (int pivot = 0; pivot < 4; pivot++) {
+        for (int row = 3; row > pivot; row--) {
+            if (abs(left[row][pivot]) <= abs(left[row - 1][pivot])) { continue; }
+            vec4 below = left[row], beside = right[row];
+            left[row] = left[row - 1];
+            right[row] = right[row - 1];
+            left[row - 1] = below;
+            right[row - 1] = beside;
+        }
+        for (int row = pivot + 1; row < 4; row++) {
+            precise float factor = left[row][pivot] / left[pivot][pivot];
+            left[row] -= factor * left[pivot];
+            right[row] -= factor * right[pivot];
+        }
+    }
+    for (int row = 3; row >= 0; row--) {
+        right[row] *= 1.0 / left[row][row];
+        for (int above = 0; above < row; above++) { right[above] -= right[row] * left[above][row]; }
+    }
+    return right;
+}
+
+mat4 object_from_world(InstanceRecord record) {
+    vec4 rows[3] = record.world_from_object;
+    return inverse_by_elimination(transpose(mat4(rows[0], rows[1], rows[2], vec4(0.0, 0.0, 0.0, 1.0))));
+}
+
 // Returns whether rays can hit an instance: one without a mesh they can't, nor one whose mesh has no triangles.
 bool instance_box(uint number, out vec3 low, out vec3 high) {
     InstanceRecord record = build.instances.at[number];
@@ -147,8 +179,9 @@ bool instance_box(uint number, out vec3 low, out vec3 high) {
         low[axis] = middle - reach;
         high[axis] = middle + reach;
     }
-    vec4 rows[3] = record.world_from_object;
-    return is_finite(low) && is_finite(high) && determinant(mat3(rows[0].xyz, rows[1].xyz, rows[2].xyz)) != 0.0;
+    mat4 inverted = object_from_world(record);
+    bool is_invertible = is_finite(inverted[0].xyz) && is_finite(inverted[1].xyz) && is_finite(inverted[2].xyz);
+    return is_finite(low) && is_finite(high) && is_invertible;
 }
 
 void write_triangle(uint place, uint number) {
@@ -160,9 +193,7 @@ void write_triangle(uint place, uint number) {
 
 void write_instance(uint place, uint number) {
     InstanceRecord record = build.instances.at[number];
-    vec4 rows[3] = record.world_from_object;
-    mat4 world_from_object = transpose(mat4(rows[0], rows[1], rows[2], vec4(0.0, 0.0, 0.0, 1.0)));
-    mat4 by_rows = transpose(inverse(world_from_object));
+    mat4 by_rows = transpose(object_from_world(record));
     TreeInstance made;
     for (uint axis = 0u; axis < 3u; axis++) { made.object_from_world[axis] = by_rows[axis]; }
     made.nodes = record.mesh_tree;

@@ -1,4 +1,4 @@
-"""Rays traced by queries and by pipelines give the same pictures bit by bit on lavapipe, and the tests see when not."""
+"""Rays by queries, pipelines and compute shaders give the same pictures bit by bit on lavapipe; tests see if not."""
 
 from __future__ import annotations
 
@@ -11,11 +11,13 @@ import numpy as np
 import pytest
 from support.frames import each_lighting, make_renderer, snapshot
 from support.scenes import bent_joints, tube
-from support.seeded_bugs import Bug, expect_noticed, seeded
+from support.seeded_bugs import GLSL, Bug, expect_noticed, seeded
 
 import solari_vk as sv
 from solari_vk.gpu.device.rays import RAYS
+from solari_vk.gpu.trees import tree
 from solari_vk.lab.measure.portals import window_room
+from solari_vk.lab.structures import random_rotation
 from solari_vk.scene.builtin import place
 
 OCCLUSION = Path(__file__).resolve().parents[3] / "docs/examples/bake_occlusion.py"
@@ -183,9 +185,42 @@ def animated_hits(device):
     return np.concatenate(found)
 
 
-def test_trees_that_are_refitted_give_the_hits_of_queries(devices):
-    query, compute = (animated_hits(devices[way]) for way in ("query", "compute"))
+def hits_of_placed_instances(device):
+    """Hits of random rays at balls that are turned, mirrored, sheared, scaled and flattened."""
+    rng, ball, scene = np.random.default_rng(9), sv.shapes.sphere(0.6, 8), sv.Scene()
+    for number in range(300):
+        linear = random_rotation(rng)
+        if number % 3 == 0:
+            linear = linear @ np.diag(10.0 ** rng.uniform(-1.5, 0.2, 3) * rng.choice((-1, 1), 3))
+        elif number % 3 == 1:
+            linear = rng.normal(size=(3, 3))
+        if number % 50 == 0:
+            linear[:, 1] = 0
+        placed = np.eye(4)
+        placed[:3] = np.append(linear, rng.uniform(-5, 5, (3, 1)), axis=1)
+        scene.add(sv.Instance(mesh=ball, material=sv.Material(), transform=placed))
+    with sv.RayTracer(device, scene) as tracer:
+        hits = tracer.trace(rng.uniform(-6, 6, (20_000, 3)), rng.normal(size=(20_000, 3)))
+    assert 0.3 < np.isfinite(hits["t"]).mean() < 0.7
+    return hits
+
+
+@pytest.mark.parametrize("traced", [animated_hits, hits_of_placed_instances])
+def test_hits_by_compute_are_those_of_queries(devices, traced):
+    query, compute = (traced(devices[way]) for way in ("query", "compute"))
     assert [name for name in query.dtype.names if query[name].tobytes() != compute[name].tobytes()] == []
+
+
+TRACE = "scene/trace_compute.glsl"
+
+
+def changed_line(function, line, other):
+    """A bug in one line of a long function of the traversal."""
+    source = (GLSL / TRACE).read_text(encoding="utf-8")
+    start = source.index("{", source.index(f" {function}(")) + 1
+    body = source[start : source.index("\n}", start)]
+    assert body.count(line) == 1, f"{function} has {body.count(line)} times {line}"
+    return Bug(TRACE, function, body.replace(line, other))
 
 
 BUGS = {
@@ -193,18 +228,24 @@ BUGS = {
     "misses are hits": Bug("scene/trace.rmiss", "main", "ray_payload.instance = 0u;"),
 }
 BUGS_BY_COMPUTE = {
-    "a box is missed": Bug(
-        "scene/trace_compute.glsl", "meets_box", "return correct(ray, low, high, t_min, t_max, near) && near > 0.01;"
-    ),
+    "a box is missed": Bug(TRACE, "meets_box", "return correct(ray, low, high, t_min, t_max, near) && near > 0.01;"),
     "triangles are closed at two edges": Bug(
-        "scene/trace_compute.glsl",
-        "meets_triangle",
-        "return correct(ray, triangle, found, front_face) && found.y > 0.01;",
+        TRACE, "meets_triangle", "return correct(ray, triangle, found, front_face) && found.y > 0.01;"
     ),
     "faces are forgotten": Bug(
-        "scene/trace_compute.glsl",
-        "meets_triangle",
-        "bool met = correct(ray, triangle, found, front_face); front_face = true; return met;",
+        TRACE, "meets_triangle", "bool met = correct(ray, triangle, found, front_face); front_face = true; return met;"
+    ),
+    "a child is skipped": changed_line("traverse", "if (meets_first && meets_second)", "if (false)"),
+    "t isn't shortened": changed_line("traverse", "t_max = found.x;", ""),
+    "a stack of two children": changed_line(
+        "traverse",
+        "stack[top++] = second_is_nearer",
+        "if (in_mesh && stack[top - 1u] != MESH_ENDS && stack[top - 2u] != MESH_ENDS) { top--; } "
+        "stack[top++] = second_is_nearer",
+    ),
+    "a leaf is read one short": changed_line("traverse", ">> LEAF_COUNT_SHIFT) + 1u;", ">> LEAF_COUNT_SHIFT);"),
+    "transforms are inverted in another order": Bug(
+        "scene/trees/build.comp", "inverse_by_elimination", "return inverse(matrix);"
     ),
 }
 
@@ -212,5 +253,12 @@ BUGS_BY_COMPUTE = {
 @pytest.mark.slow
 @pytest.mark.parametrize("name", [*BUGS, *BUGS_BY_COMPUTE])
 def test_a_seeded_bug_is_noticed(devices, by_queries, name):
-    way = "compute" if name in BUGS_BY_COMPUTE else "pipeline"
-    expect_noticed((BUGS | BUGS_BY_COMPUTE)[name], name, test_single_rays_are_equal, devices, by_queries, way)
+    if name in BUGS:
+        expect_noticed(BUGS[name], name, test_single_rays_are_equal, devices, by_queries, "pipeline")
+        return
+    tree._kernels.clear()  # which know shaders without the bug
+    check = test_hits_by_compute_are_those_of_queries
+    try:
+        expect_noticed(BUGS_BY_COMPUTE[name], name, check, devices, hits_of_placed_instances)
+    finally:
+        tree._kernels.clear()
