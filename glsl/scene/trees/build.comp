@@ -128,8 +128,8 @@ bool triangle_box(uint number, out vec3 low, out vec3 high) {
     return finite || build.keeps_all != 0u;
 }
 
-// The inverse in the order of steps in which Mesa's software device inverts the transforms of its instances, so that hits
-// by compute are bit by bit those of ray queries: Gaussian elimination of the transposed matrix, where pivots come up by
+// The inverse by the steps by which Mesa's software device inverts the transforms of its instances, so that hits by
+// compute are bit by bit those of ray queries: Gaussian elimination of the transposed matrix, where pivots come up by
 // swaps of neighbors, and substitution from the last row.
 mat4 inverse_by_elimination(mat4 matrix) {
     precise mat4 left = matrix, right = mat4(1.0);  // a column here is a row there
