@@ -200,15 +200,17 @@ def _web_color(text: str) -> list[float]:
 
 
 def number(
-    low: float = -math.inf, high: float = math.inf, unit: str = "", optional: bool = False
+    low: float = -math.inf, high: float = math.inf, unit: str = "", optional: bool = False, endless: bool = False
 ) -> Callable[[Any], Any]:
-    """A finite number within a range. unit: named in the error."""
+    """A finite number within a range. unit: named in the error. endless: whether infinity counts too."""
 
     def convert(value: Any) -> float | None:
         if value is None and optional:
             return None
         # An array of one number counts as the number.
         number = float(value.item() if isinstance(value, np.ndarray) and value.size == 1 else value)
+        if endless and number == math.inf:
+            return number
         if not math.isfinite(number) or not low <= number <= high:
             limits = f"between {low:g} and {high:g}{unit and f' {unit}'}"
             raise ValueError(f"must be a finite number {limits}, not {shortened(str(value))}")

@@ -104,8 +104,9 @@ LARGEST_OPTICAL_DEPTH = 30.0  # of an attenuation color of 0 after the attenuati
 # where solari_vk/bound/constants.py puts all that have one.
 
 
-def _number(default: float, low: float, high: float, unit: str = "", glsl: str = "float") -> Any:
-    metadata = {"converter": checks.number(low, high, unit), "glsl": glsl, "range": (low, high)}
+def _number(default: float, low: float, high: float, unit: str = "", glsl: str = "float", endless: bool = False) -> Any:
+    converter = checks.number(low, high, unit, endless=endless)
+    metadata = {"converter": converter, "glsl": glsl, "range": (low, high)}
     return field(default=default, metadata=metadata)
 
 
@@ -152,9 +153,9 @@ class Material(TensorFields):
 
     transmission in [0, 1] is the share of a dielectric that is glass, tinted by the base color. Light passes a thin
     wall without being bent; where `solid` is true, the surface bounds a volume, which bends light by its ior and colors
-    it: white light becomes attenuation_color after attenuation_distance in meters. The front is outside, so meshes of
-    solids must be closed. dispersion is 20 over the Abbe number of a solid, 0.33 of crown glass and 0.36 of diamond:
-    how much more it bends blue light than red. Shadow rays pass thin smooth glass; other glass casts shadows, and its
+    it: white light becomes attenuation_color after attenuation_distance in meters, never if that is math.inf. The front
+    is outside, so meshes of solids must be closed. dispersion is 20 over the Abbe number of a solid, 0.33 of crown
+    glass and 0.36 of diamond: how much more it bends blue light than red. Shadow rays pass thin smooth glass; other glass casts shadows, and its
     caustics are found by the rays that surfaces scatter.
 
     diffuse_transmission in [0, 1] is the share of the diffuse light that leaves on the other side, in all directions,
@@ -217,7 +218,7 @@ class Material(TensorFields):
     transmission_texture: Texture | None = _texture()
     solid: bool = False
     attenuation_color: FloatArray = _color(1.0, glsl="")
-    attenuation_distance: float = _number(1.0, 1e-9, 1e9, "meters", glsl="")
+    attenuation_distance: float = _number(1.0, 1e-9, 1e9, "meters", glsl="", endless=True)
     dispersion: float = _number(0.0, 0, LARGEST_DISPERSION)
     diffuse_transmission: float = _number(0.0, 0, 1)
     diffuse_transmission_texture: Texture | None = _texture()

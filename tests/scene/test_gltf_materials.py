@@ -114,6 +114,20 @@ def test_lobes(writer):
     assert material.has_layers
 
 
+def test_an_infinite_attenuation_distance_is_none(writer, tmp_path):
+    """KHR_materials_volume has it by default, and JSON has no number for it."""
+    color = [0, 0.5, 1]
+    volume = {"thicknessFactor": 1, "attenuationColor": color}
+    glass = {"KHR_materials_transmission": {"transmissionFactor": 1}, "KHR_materials_volume": volume}
+    read, _ = load(writer, extensions=glass)
+    edited = sv.Material(transmission=1, solid=True, attenuation_color=color)
+    edited.attenuation_distance = math.inf
+    sv.Scene(sv.Instance(sv.shapes.box(), edited)).save(tmp_path / "box.gltf")
+    for material in (read, edited, sv.load(tmp_path / "box.gltf").materials[0]):
+        assert material.attenuation_distance == math.inf
+        assert not material.absorption.any()
+
+
 def test_unknown_extensions_of_used_materials_are_reported(writer):
     writer.add("materials", name="unused", **extension("VENDOR_sparkle"))
     _, warnings = load(writer, name="used", **extension("VENDOR_sparkle"))

@@ -45,7 +45,7 @@ RANGES = {
     "emissive": UNIT | st.floats(0, 2**20, width=32),
     "normal_scale": st.floats(-2, 2),
     "clearcoat_normal_scale": st.floats(-2, 2),
-    "attenuation_distance": st.floats(1e-3, 1e6),
+    "attenuation_distance": st.floats(1e-3, 1e6) | st.just(math.inf),
     "iridescence_ior": st.floats(1, 5),
     "dispersion": st.floats(0, 9),
     "iridescence_thickness": st.floats(0, 1e4, width=32),

@@ -50,6 +50,7 @@ def share(label: str, value: float) -> tuple[bool, float]:
 def drag(label: str, value: float, low: float, high: float, format: str = "%.4g") -> tuple[bool, float]:
     """A number that is dragged in steps of 1 % of itself, within a range."""
     # A fixed step would be too coarse for millimeters and too fine for kilometers.
+    value = min(value, high)  # for fields that may be infinite
     speed = max(0.01 * abs(value), 1e-3 * min(high - low, 1.0))
     edited: tuple[bool, float] = imgui.drag_float(label, value, speed, low, high, format)
     return edited

@@ -5,6 +5,7 @@ The row of an extension of materials has its reader, and the fields of Material 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from typing import Any, Literal, NamedTuple
 
@@ -105,11 +106,13 @@ def _transmission(extension: Entry, material: Entry, report: Report) -> dict[str
 
 def _volume(extension: Entry, material: Entry, report: Report) -> dict[str, Any]:
     distance = extension.number("attenuationDistance", LARGEST_DISTANCE, low=0)
+    # KHR_materials_volume: the default is infinity, for which JSON has no number.
+    distance = max(distance, 1 / LARGEST_DISTANCE) if distance < LARGEST_DISTANCE else math.inf
     return {
         # KHR_materials_volume: a thickness of 0 means a thin wall; for rays its size doesn't matter.
         "solid": extension.number("thicknessFactor", 0.0, low=0) > 0,
         "attenuation_color": extension.numbers("attenuationColor", (1.0, 1.0, 1.0), low=0, high=1),
-        "attenuation_distance": min(max(distance, 1 / LARGEST_DISTANCE), LARGEST_DISTANCE),
+        "attenuation_distance": distance,
     }
 
 

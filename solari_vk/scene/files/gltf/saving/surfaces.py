@@ -121,6 +121,8 @@ class Surfaces:
     @staticmethod
     def _factors(material: Material, keys: dict[str, str]) -> dict[str, Any]:
         values = {key: getattr(material, field) for key, field in keys.items()}
+        if values.get("attenuationDistance") == math.inf:
+            del values["attenuationDistance"]  # the format's default, for which JSON has no number
         return {key: plain(_CONVERTED.get(key, lambda value: value)(value)) for key, value in values.items()}
 
     # ---- textures -----------------------------------------------------------------------------------
