@@ -269,10 +269,11 @@ class Camera(Checked, Placed, Calibrated):
 
     def pose(self) -> dict[str, Any]:
         """The argument of `from_pose`, as plain JSON values."""
+        named = [name for name in POSED if name != "ev100" or self.has_exposure]
         return {
             "transform": self.transform.tolist(),
             "vertical_fov_degrees": math.degrees(self.vertical_fov),
-            **{name: getattr(self, name) for name in POSED},
+            **{name: getattr(self, name) for name in named},
             **self.lens_fields(),
         }
 

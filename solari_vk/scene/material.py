@@ -155,8 +155,8 @@ class Material(TensorFields):
     wall without being bent; where `solid` is true, the surface bounds a volume, which bends light by its ior and colors
     it: white light becomes attenuation_color after attenuation_distance in meters, never if that is math.inf. The front
     is outside, so meshes of solids must be closed. dispersion is 20 over the Abbe number of a solid, 0.33 of crown
-    glass and 0.36 of diamond: how much more it bends blue light than red. Shadow rays pass thin smooth glass; other glass casts shadows, and its
-    caustics are found by the rays that surfaces scatter.
+    glass and 0.36 of diamond: how much more it bends blue light than red. Shadow rays pass thin smooth glass; other
+    glass casts shadows, and its caustics are found by the rays that surfaces scatter.
 
     diffuse_transmission in [0, 1] is the share of the diffuse light that leaves on the other side, in all directions,
     with diffuse_transmission_color: leaves, paper, lampshades.

@@ -65,13 +65,17 @@ def run(job: DatasetJob) -> int:
         writer = _annotation_writer(job, style, loaded.scene, labels, keypoints)
         writer.check(job.annotations, cameras)
     with open_pool(job) as pool:
+        # Poses of a file may have exposures, which --exposure overrides.
+        keeps = job.exposure is None and job.cameras not in ("orbit", "random")
+        unexposed = [camera for camera in cameras if not (keeps and camera.has_exposure)]
         ev100 = loaded.cameras[0].ev100
-        if loaded.auto_exposure:
+        if unexposed and loaded.auto_exposure:
             shown = [found[number] for number in metered_numbers]
             ev100 = metered(pool, loaded, shown, job.size, randomizer, metered_numbers)
-        set_exposure(cameras, ev100)
+        set_exposure(unexposed, ev100)
+        exposure = f"EV100 {ev100:.2f}" if unexposed else "with the exposures of their poses"
         _randomize_cameras(cameras, randomizer)
-        print(f"{len(cameras)} views of {job.source}, EV100 {ev100:.2f}", file=sys.stderr)
+        print(f"{len(cameras)} views of {job.source}, {exposure}", file=sys.stderr)
         views = _views(job, style, cameras)
         tasks = _tasks(style, views, job.cameras == "random" or randomizer is not None)
         # The journal is opened before any file is written: it refuses a folder that holds another data set.

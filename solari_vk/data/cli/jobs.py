@@ -16,7 +16,7 @@ class DatasetJob(SharedPicture):
 
     DESCRIPTION: ClassVar = (
         "Render many views of a scene into a folder, with transforms.json in the convention of NeRF. All views have "
-        "one exposure. The command goes on where it was stopped."
+        "one exposure, unless a file of poses gives theirs. The command goes on where it was stopped."
     )
     GROUPS: ClassVar = {
         "realtime": ("view", "quality", "settings", "warm_up", "average"),

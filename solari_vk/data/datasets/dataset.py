@@ -135,7 +135,10 @@ def _poses_of_nerf(content: dict[str, Any], path: Path, aspect: float) -> list[d
                 )
             pose = {"transform": world.tolist(), **_lens_of_nerf(lens)}
             fov = _vertical_fov(lens, pose.get("projection", "perspective"), aspect)
-            poses.append({**pose, "vertical_fov_degrees": math.degrees(fov)})
+            pose["vertical_fov_degrees"] = math.degrees(fov)
+            if "ev100" in frame:
+                pose["ev100"] = frame["ev100"]
+            poses.append(pose)
         return poses
     except (KeyError, TypeError, ValueError, ArithmeticError) as error:
         raise SolariError(f"--cameras {path}: it lacks a field of {NAME}, or has a wrong one: {error}") from None
@@ -230,6 +233,7 @@ def _transforms(style: Style, views: Sequence[View]) -> dict[str, Any]:
                 "transform_matrix": transform.tolist(),
                 **_nerf_lens(camera, style.size),
                 "exposure": camera.exposure,
+                "ev100": camera.ev100,
                 "layer_paths": dict(zip(style.layers, beside, strict=False)),
             }
         )

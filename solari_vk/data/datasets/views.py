@@ -75,7 +75,7 @@ class Views(Hints):
             if name not in self._known:
                 raise unknown_name(f"{path}: views have no", name, self._known)
         self.cameras: list[Camera] = cameras_for(str(path), Scene(), Camera(), None, self.size[0] / self.size[1], 0)
-        """The camera of each view; `camera.rays(pixels, views.size)` are the rays of pixels."""
+        """The camera of each view, with its exposure; `camera.rays(pixels, views.size)` are the rays of pixels."""
 
     def __len__(self) -> int:
         return len(self._frames)

@@ -159,6 +159,17 @@ def test_transforms_are_poses_too(make, views):
     np.testing.assert_allclose(first, second, atol=2)  # the field of view goes through pixels
 
 
+def test_poses_keep_their_exposures(make, views, tmp_path):
+    content = json.loads((views / "transforms.json").read_text())
+    content["frames"][1]["ev100"] += 3
+    (tmp_path / "poses.json").write_text(json.dumps(content))
+    _, again = make("--cameras", tmp_path / "poses.json")
+    before, after = ([camera.ev100 for camera in sv.Views(folder, ["rgb"]).cameras] for folder in (views, again))
+    np.testing.assert_allclose(np.subtract(after, before), [0, 3, 0])
+    _, fixed = make("--cameras", tmp_path / "poses.json", "--exposure", "2", name="fixed")
+    assert [camera.ev100 for camera in sv.Views(fixed, ["rgb"]).cameras] == [2, 2, 2]
+
+
 def test_cameras_that_colmap_lacks_are_refused_first(make, tmp_path):
     pose = {"position": [1, 1, 1], "target": [1, 1, 0], "projection": "equirectangular"}
     (tmp_path / "poses.json").write_text(json.dumps([pose]))
