@@ -12,9 +12,9 @@ import os
 import sys
 import time
 from collections import deque
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Generator, Iterable
 from concurrent.futures import wait
-from contextlib import ExitStack, closing
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass
 from numbers import Integral
 from queue import Empty, SimpleQueue
@@ -22,13 +22,14 @@ from typing import Any, Self
 
 from solari_vk.base.errors import DeviceError, SolariError, quoted, reworded
 from solari_vk.renderers.cluster.device_session import AnyJob, DeviceOptions, Results, pack
-from solari_vk.renderers.cluster.identity import Identity
+from solari_vk.renderers.cluster.identity import Identity, version
 from solari_vk.scene.model import Scene
 
 JOBS_OF_WORKER = 2  # one in work, and the next, so that a worker needn't wait for its result to be fetched
 TICK_SECONDS = 1.0
 WORKERS_PER_CORE = 16  # each is a process
 CONNECT_SECONDS = 10.0
+CLOSE_SECONDS = 3.0  # after which a scheduler that doesn't answer is left
 ANSWER_SECONDS = 30.0  # after which a pool doesn't wait any more for workers that don't say who they are
 GIVE_UP_SECONDS = 120.0  # without any worker of this machine
 TRIES = 3  # of a job on devices that fail
@@ -157,10 +158,12 @@ class WorkerPool:
             # Results of workers on this machine don't go through the scheduler; others may not be reachable from here.
             options = {"set_as_default": False, "direct_to_workers": self.shares_files, "timeout": CONNECT_SECONDS}
             try:
-                self.client: Any = opened.enter_context(closing(self._distributed.Client(target, **options)))
+                self.client: Any = self._distributed.Client(target, **options)
                 """The client of dask."""
             except (OSError, ValueError) as error:
                 raise SolariError(f"no scheduler of dask answers at {self._address}: {error}") from None
+            opened.callback(self._close_client)
+            self._check_code_of_scheduler()
             self._workers = Workers(self.client, self._device_options, self._finished, self._say)
             self._await_workers()
             self._opened = opened.pop_all()
@@ -168,6 +171,23 @@ class WorkerPool:
 
     def __exit__(self, *_: object) -> None:
         self._opened.close()
+
+    def _close_client(self) -> None:
+        with suppress(TimeoutError):
+            self.client.close(CLOSE_SECONDS)
+
+    def _check_code_of_scheduler(self) -> None:
+        """Raise SolariError for a scheduler that can't load what it passes on to workers."""
+        from solari_vk.renderers.cluster.worker import identify
+
+        if self._local_count is None:
+            try:
+                self.client.run_on_scheduler(repr, identify)
+            except (ImportError, AttributeError) as error:
+                text = (
+                    f"the scheduler at {self._address} can't load solari_vk {version()}: install it there too: {error}"
+                )
+                raise SolariError(text) from None
 
     def _await_workers(self) -> None:
         """Ask the workers for their identities, and wait until there is one that can take part."""
@@ -240,7 +260,9 @@ class WorkerPool:
                     yield None
                 elif not self._workers.handle_answer(future) and future in out:
                     task = out.pop(future)
-                    result = self._result(future, task) if self._succeeded(future, task) else _LOST
+                    result = _LOST
+                    if self._succeeded(future, task):
+                        result = yield from self._result(future, task)
                     if result is _LOST:
                         again.append(task)
                     else:
@@ -323,12 +345,13 @@ class WorkerPool:
             raise reworded(error, f"{task.job.name}: {error}")
         raise error
 
-    def _result(self, future: Any, task: _Task) -> Any:
-        """The result of a job that is done; _LOST if all workers that may do it are gone."""
+    def _result(self, future: Any, task: _Task) -> Generator[None, None, Any]:
+        """Return the result of a job that is done, _LOST if all its workers are gone; yield None meanwhile."""
         # In dask's thread, because dask waits for ever for workers that are gone to do again what they didn't send.
         fetched = asyncio.run_coroutine_threadsafe(future._result(), self.client.loop.asyncio_loop)
         try:
             while not wait([fetched], TICK_SECONDS).done:
+                yield None
                 self._workers.poll()
                 if task.workers.isdisjoint(self._workers.accepted):
                     fetched.cancel()

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import asyncio
 import dataclasses
 import time
 from collections.abc import Callable
+from concurrent.futures import Future, wait
 from queue import SimpleQueue
 from typing import Any
 
@@ -41,6 +43,7 @@ class Workers:
         # Workers that answered before `choose_identity` has chosen what all are to be.
         self._candidates: dict[str, Identity] = {}
         self._last_poll = -POLL_SECONDS
+        self._question: Future[dict[str, int]] | None = None  # to the scheduler, of which workers it has
         self._ended = ""  # the first worker that left without an answer
 
     @property
@@ -54,6 +57,8 @@ class Workers:
             return
         self._last_poll = time.monotonic()
         connected = self._connected()
+        if connected is None:
+            return
         self.accepted &= connected
         for future, address in list(self._asked.items()):
             if address not in connected:
@@ -77,11 +82,19 @@ class Workers:
                 f"worker {address} ended before it said what it is: its log says why: is solari_vk installed there?"
             )
 
-    def _connected(self) -> set[str]:
-        """The addresses of the workers that the scheduler has at the moment."""
+    def _connected(self) -> set[str] | None:
+        """The addresses of the workers that the scheduler has at the moment; None as long as it doesn't answer."""
         self.check_scheduler()
+        # A stopped scheduler never answers; who waited for it in dask wouldn't see Ctrl-C.
+        if self._question is None:
+            loop = self._client.loop.asyncio_loop
+            self._question = asyncio.run_coroutine_threadsafe(self._client.scheduler.ncores(), loop)
+        if not wait([self._question], POLL_SECONDS).done:
+            return None
+        answer = self._question
+        self._question = None
         try:
-            return set(self._client.nthreads())
+            return set(answer.result())
         # Dask raises any of these, by what it was doing when the connection broke.
         except (OSError, ValueError, TimeoutError, CommClosedError):
             raise self._gone() from None

@@ -9,9 +9,10 @@ import shutil
 import signal
 import subprocess
 import sys
+import threading
 import time
 import warnings
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, closing, contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -46,9 +47,10 @@ def process(*command, **environment):
 
 
 @contextmanager
-def scheduler():
+def scheduler(**environment):
     """A scheduler of dask in a process of its own, with its address."""
-    with process("distributed.cli.dask_scheduler", "--host", "127.0.0.1", "--port", "0", "--no-dashboard") as started:
+    options = ["--host", "127.0.0.1", "--port", "0", "--no-dashboard"]
+    with process("distributed.cli.dask_scheduler", *options, **environment) as started:
         for line in started.stderr:
             found = re.search(r"Scheduler at:\s+(tcp://[\d.:]+)", line)
             if found:
@@ -91,11 +93,31 @@ def test_workers_that_would_render_other_bits_are_refused(any_device, tmp_path):
         assert [line[:22] for line in said if line.startswith("worker tcp://127.0.0.1")]
         assert ended in "".join(said)
 
+        # While a scheduler is stopped, and so can't answer, the caller is asked whether to go on.
+        started.send_signal(signal.SIGSTOP)
+        goes_on = threading.Timer(20, started.send_signal, [signal.SIGCONT])
+        goes_on.start()
+        with closing(pool.map(sv.builtin("cornell_box"), [Losing(0, str(tmp_path))])) as answers:
+            assert [next(answers) for _ in range(3)] == [None] * 3
+        assert goes_on.is_alive()
+        started.send_signal(signal.SIGCONT)
+        goes_on.cancel()
+
         def kill(samples, error):
             started.kill()
 
         with pytest.raises(sv.SolariError, match="the scheduler is gone"):
             render_reference(pool, sv.builtin("cornell_box"), SIZE, samples=10_000, progress=kill)
+
+
+def test_a_scheduler_without_the_package(tmp_path):
+    (tmp_path / "solari_vk.py").write_text("raise ImportError")
+    with (
+        scheduler(PYTHONPATH=str(tmp_path)) as (_, address),
+        pytest.raises(sv.SolariError, match=f"the scheduler at {address} can't load solari_vk"),
+        WorkerPool(address=address),
+    ):
+        pass
 
 
 def test_a_scheduler_that_does_not_answer(tmp_path, capsys, monkeypatch):
