@@ -40,9 +40,10 @@ class MeshStructures:
             }
             build_mesh_structures(self._device, list(made.values()))
         self._built |= made
-        # Acquired before the earlier ones are dropped, which may be the same.
+        # All are acquired before earlier ones are dropped, which may be the same, or what another mesh has from now on.
         for mesh, build in builds.items():
             self._builds.acquire(build, mesh)
+        for mesh, build in builds.items():
             self._drop_build(mesh)
             self._build_of[mesh] = build
         of_tensors = self._tensors.structures({mesh: traced[mesh] for mesh in traced if mesh not in builds}, moved)

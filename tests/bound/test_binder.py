@@ -514,6 +514,22 @@ def test_an_edit_of_alpha_leaves_memory_shared(bound):
     assert binder.device.objects_in_use == used
 
 
+def test_a_mesh_takes_over_what_another_one_was_before_its_edit(bound):
+    meshes = [sphere(0.5, 12), sphere(0.4, 12)]
+    binder = bound(*map(Instance, meshes))
+    binder.update()
+    structures = [binder.assets.geometry.blases[mesh] for mesh in meshes]
+    shapes = [mesh.positions for mesh in meshes]
+    for mesh, positions in zip(meshes, shapes[::-1], strict=True):
+        mesh.positions = positions
+    added = [sphere(0.5, 12), sphere(0.4, 12)]
+    for mesh in added:
+        binder.scene.add(mesh)
+    binder.update()
+    assert [binder.assets.geometry.blases[mesh] for mesh in added] == structures
+    assert not any(structure.destroyed for structure in structures)
+
+
 def test_fields_of_solids_without_a_solid(bound, rng):
     """A color that absorbs nothing is named, when its surface is shown and when an edit brings it; a solid's isn't."""
     glass = {"transmission": 1.0, "attenuation_color": 0.5, "dispersion": 0.3}
