@@ -236,6 +236,7 @@ class SceneBinder:
             if self.tlas is not None and key in self._up_to_date:
                 self.tlas.rebuild()
         self._up_to_date.add(key)
+        self.assets.geometry.moved_trees.improve()
         self.assets.geometry.posed.mark_seen(renderer, self.scene_revision)
 
     def _apply_changes(self, renderer: Any) -> None:

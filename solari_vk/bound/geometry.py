@@ -28,6 +28,7 @@ from solari_vk.gpu.device.uploads import Uploads
 from solari_vk.gpu.structures import MeshStructure
 from solari_vk.gpu.tensors.imports import DeviceTensor
 from solari_vk.gpu.tensors.port import TensorPort
+from solari_vk.gpu.trees.refits import MovedTrees
 from solari_vk.scene.model import Instance, Mesh
 
 DeviceMesh = Mesh | PosedMesh
@@ -43,7 +44,9 @@ class Geometry:
         self, device: Device, block_dtypes: dict[str, Any], features: Features, watcher: Any, port: TensorPort
     ) -> None:
         self.table = Table(device, "meshes", block_dtypes["meshes"])
-        self.posed = ScenePoses(device, block_dtypes, self.table)
+        self.moved_trees = MovedTrees(device)
+        """Is called at the end of each update of the scene."""
+        self.posed = ScenePoses(device, block_dtypes, self.table, self.moved_trees)
         self.rows: RowAllocator[DeviceMesh] = RowAllocator()
         self._ray_users: RowAllocator[DeviceMesh] = RowAllocator()
         # Those that are used, or will be: an update that fails before it uses one must not keep it.
@@ -51,7 +54,7 @@ class Geometry:
             weakref.WeakValueDictionary()
         )
         self._attributes = block_dtypes["vertex_attributes"]
-        self.tensors = MeshTensors(device, port, self.table, self.rows, self._attributes)
+        self.tensors = MeshTensors(device, port, self.table, self.rows, self._attributes, self.moved_trees)
         self.structures = MeshStructures(device, self.tensors)
         self._device = device
         self._features = features
@@ -337,6 +340,7 @@ class Geometry:
             before.destroy()
 
     def destroy(self) -> None:
+        self.moved_trees.destroy()
         self.posed.destroy()
         self.tensors.destroy()
         self.structures.destroy()

@@ -20,7 +20,7 @@ from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.structures import MeshStructure, build_mesh_structures, mesh_structure, traces_by_compute
 from solari_vk.gpu.tensors.imports import DeviceTensor
 from solari_vk.gpu.tensors.port import Dispatch, TensorPort, rule
-from solari_vk.gpu.trees.tree import refit_meshes
+from solari_vk.gpu.trees.refits import MovedTrees
 from solari_vk.scene.checks import LARGEST_COORDINATE
 from solari_vk.scene.objects import Mesh
 
@@ -51,13 +51,20 @@ class MeshTensors:
     as their last fields. attributes: the layout of VertexAttributes."""
 
     def __init__(
-        self, device: Device, port: TensorPort, table: Table, rows: RowAllocator[Any], attributes: np.dtype[Any]
+        self,
+        device: Device,
+        port: TensorPort,
+        table: Table,
+        rows: RowAllocator[Any],
+        attributes: np.dtype[Any],
+        moved_trees: MovedTrees,
     ) -> None:
         self._device = device
         self._port = port
         self._table = table
         self._rows = rows
         self._attributes = attributes
+        self._moved_trees = moved_trees
         self._meshes: dict[Mesh, TensorMesh] = {}
 
     def __contains__(self, mesh: object) -> bool:
@@ -153,15 +160,17 @@ class MeshTensors:
         self, geometries: Mapping[Mesh, TriangleGeometry], moved: Container[Mesh]
     ) -> dict[Mesh, MeshStructure]:
         """The structures of meshes. moved: those that have other positions than at the latest call."""
-        builds = [
-            self._build(mesh, geometry)
-            for mesh, geometry in geometries.items()
-            if mesh in moved or not self._meshes[mesh].blases
-        ]
+        builds = []
+        for mesh, geometry in geometries.items():
+            own = self._meshes[mesh]
+            if mesh in moved or not own.blases:
+                builds.append(self._build(mesh, geometry))
+            else:  # its memory may be another one, which `MovedTrees` may read
+                own.blases[own.side].set_geometries([geometry])
         if builds and traces_by_compute(self._device):
             build_mesh_structures(self._device, [build.blas for build in builds if not build.update])
             moved_trees: list[Any] = [(build.blas, build.source) for build in builds if build.update]
-            refit_meshes(self._device, moved_trees)
+            self._moved_trees.submit(moved_trees)
         elif builds:
             submit_batch(self._device, builds, clock.tick())
         return {mesh: self._meshes[mesh].blases[self._meshes[mesh].side] for mesh in geometries}
@@ -174,7 +183,8 @@ class MeshTensors:
         if len(own.blases) == own.side:
             own.blases.append(mesh_structure(self._device, geometry, mesh.name or "mesh", moves=True))
         blas, other = own.blases[own.side], own.blases[own.side - 1]
-        update = other is not blas and other.built and own.refits < MAX_REFITS
+        is_tree = traces_by_compute(self._device)  # of which `MovedTrees` knows how good they are
+        update = other is not blas and other.built and (is_tree or own.refits < MAX_REFITS)
         blas.set_geometries([geometry])
         own.refits = own.refits + 1 if update else 0
         return BlasBuild(blas, update, other if update else None)

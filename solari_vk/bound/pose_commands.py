@@ -18,7 +18,8 @@ from solari_vk.gpu.device.storage import Storage
 from solari_vk.gpu.frame.kernel import Kernel
 from solari_vk.gpu.frame.stopwatch import Stopwatch
 from solari_vk.gpu.structures import traces_by_compute
-from solari_vk.gpu.trees.tree import TreeBuilds, TreeRefits
+from solari_vk.gpu.trees.refits import MovedTrees
+from solari_vk.gpu.trees.tree import TreeBuilds
 from solari_vk.scene.matrices import by_columns
 
 # The parts of the device's work that `PoseCommands.stopwatch` times.
@@ -29,8 +30,9 @@ MAX_GROUPS = 65535  # in one dimension of a dispatch, on any device
 class PoseCommands:
     """The records of work for the device. block_dtypes: the records of scene/posed.glsl, by name."""
 
-    def __init__(self, device: Device, block_dtypes: dict[str, Any]) -> None:
+    def __init__(self, device: Device, block_dtypes: dict[str, Any], moved_trees: MovedTrees) -> None:
         self._device = device
+        self._moved_trees = moved_trees
         self._work = Table(device, "posed meshes", block_dtypes["posed_meshes"])
         self._joints = Table(device, "joints", block_dtypes["joints"])
         self._targets = Table(device, "active targets", block_dtypes["active_targets"])
@@ -166,13 +168,13 @@ class PoseCommands:
         """Record builds of trees, and refits of each from the other side's."""
         built = [posed.blases[posed.side] for posed, update in poses if not update]
         fitted = [(posed.blases[posed.side], posed.blases[1 - posed.side]) for posed, update in poses if update]
-        builds = TreeBuilds(self._device, [(tree, tree.job) for tree in built])
-        refits = TreeRefits(self._device, fitted)
-        for work in (builds, refits):
-            work.record(commands)
-        builds.mark_built()
-        for work in (builds, refits):
-            work.destroy()  # when the submission is done
+        if built:
+            builds = TreeBuilds(self._device, [(tree, tree.job) for tree in built])
+            builds.record(commands)
+            builds.mark_built()
+            builds.destroy()  # when the submission is done
+        if fitted:
+            self._moved_trees.record(commands, fitted)
 
     def _scratch_address(self, size: int) -> int:
         if self._scratch is None or self._scratch[2] < size:

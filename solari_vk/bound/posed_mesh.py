@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from solari_vk.gpu.device import raw
 from solari_vk.gpu.device.buffer import Buffer
+from solari_vk.gpu.trees.tree import MeshTree
 from solari_vk.scene.meshes.deformation import Deformation
 from solari_vk.scene.objects import Instance, Mesh
 
@@ -54,7 +55,9 @@ class PosedMesh:
 
     @property
     def rebuilds(self) -> bool:
-        """Whether its BLAS should be built rather than refitted."""
+        """Whether its BLAS should be built rather than refitted. Of trees `MovedTrees` decides."""
+        if isinstance(self.blases[self.side], MeshTree):
+            return not self.blases[1 - self.side].built
         growth = self.area / self.built_area if self.built_area > 0 else 2 * MAX_GROWTH
         return self.refits >= MAX_REFITS or not 1 / MAX_GROWTH <= growth <= MAX_GROWTH
 

@@ -31,6 +31,7 @@ from solari_vk.gpu.device.buffer import Buffer
 from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.frame.stopwatch import Stopwatch
 from solari_vk.gpu.structures import mesh_structure
+from solari_vk.gpu.trees.refits import MovedTrees
 from solari_vk.scene.meshes.deformation import Deformation
 from solari_vk.scene.objects import Mesh
 
@@ -38,10 +39,10 @@ from solari_vk.scene.objects import Mesh
 class ScenePoses:
     """The posed meshes of a scene. block_dtypes: of the shaders, by name. meshes: the table of meshes."""
 
-    def __init__(self, device: Device, block_dtypes: dict[str, Any], meshes: Table) -> None:
+    def __init__(self, device: Device, block_dtypes: dict[str, Any], meshes: Table, moved_trees: MovedTrees) -> None:
         self._device = device
         self._meshes = meshes
-        self._commands = PoseCommands(device, block_dtypes)
+        self._commands = PoseCommands(device, block_dtypes, moved_trees)
         self.tables = self._commands.tables
         """Are uploaded between `update` and `submit`."""
         self._influence = block_dtypes["influences"]

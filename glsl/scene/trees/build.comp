@@ -1,27 +1,24 @@
-// Builds trees over triangles or instances, each by one workgroup: parallel locally-ordered clustering (Meister and
-// Bittner, "Parallel Locally-Ordered Clustering for Bounding Volume Hierarchy Construction", 2018). Primitives come in
-// spatial order, so that near ones are close to each other in the list of clusters. In each round every cluster looks
-// for its nearest one within SEARCH_RADIUS places, and clusters that are each other's nearest become one.
+// Builds trees over triangles or instances: parallel locally-ordered clustering (Meister and Bittner, "Parallel
+// Locally-Ordered Clustering for Bounding Volume Hierarchy Construction", 2018). Primitives come in spatial order, so
+// that near ones are close to each other in the list of clusters. In each round every cluster looks for its nearest one
+// within SEARCH_RADIUS places, and clusters that are each other's nearest become one.
 //
-// The host gives all memory by address and puts barriers around this shader itself.
+// The primitives are halved again and again, as solari_vk/bound/spatial_order.py does, into chunks that one workgroup
+// each clusters. While there are several chunks, some clusters of each are left, and the next stage, a dispatch of its
+// own, puts those of neighboring chunks together. The last chunk becomes the root; then all workgroups write nodes and
+// leaves. A tree of one chunk is built in one dispatch.
+//
+// The host gives all memory by address and puts barriers around each dispatch.
 #version 460
-#include "common/math.glsl"
-#include "scene/trees/tree.glsl"
+#include "scene/trees/making.glsl"
 
 layout(local_size_x = 256) in;
 
-const uint THREADS = 256u;
 const int SEARCH_RADIUS = 12;
-// Cluster.parent of what has none, and of primitives that no ray can hit.
-const uint NO_NODE = 0xFFFFFFFFu;
-const uint UNHITTABLE = 0u;  // the first primitive is no node
-const uint IS_LEAF = 1u << 31;  // in Cluster.size: all of the subtree becomes one leaf
-// Costs of the surface area heuristic (Goldsmith and Salmon 1987), of a node and of a triangle.
-const float NODE_COST = 1.2;
-const float TRIANGLE_COST = 1.0;
-
-layout(buffer_reference, scalar, buffer_reference_align = 4) readonly buffer Corners { vec3 at[]; };
-layout(buffer_reference, scalar, buffer_reference_align = 4) readonly buffer Indices { uvec3 at[]; };
+const uint MAX_ROUNDS = 48u;          // in which the nearest are looked for
+const uint UNHITTABLE = 0xFFFFFFFFu;  // Cluster.parent of primitives that no ray can hit
+const uint IS_LEAF = 1u << 31;        // in Cluster.size: all of the subtree becomes one leaf
+const uint WRITING_STAGE = 0xFFFFFFFFu;
 
 // VkAccelerationStructureInstanceKHR.
 struct InstanceRecord {
@@ -33,7 +30,10 @@ struct InstanceRecord {
 
 layout(buffer_reference, scalar, buffer_reference_align = 16) readonly buffer InstanceRecords { InstanceRecord at[]; };
 
-// A subtree while the tree grows. Primitives are the first ones, by their numbers; the nodes above them follow.
+// A subtree while the tree grows. Primitives are the first ones, by their numbers; the nodes above them follow. Their
+// numbers don't depend on the order of threads: each cluster without a parent holds the number of a primitive below it
+// that no other one holds. A new node stands at the number of its second child, behind all primitives, and goes on to
+// hold that of its first.
 struct Cluster {
     vec3 low;
     uint first;   // child
@@ -41,8 +41,8 @@ struct Cluster {
     uint second;
     float cost;   // of the surface area heuristic, times the root's area
     uint size;    // primitives
-    uint parent;
-    uint unused;
+    uint parent;  // or below build.count, while there is none, the number that the cluster holds
+    uint height;  // nodes on the longest path to a leaf
 };
 
 layout(buffer_reference, scalar, buffer_reference_align = 16) coherent buffer Clusters { Cluster at[]; };
@@ -62,18 +62,27 @@ struct TreeBuild {
     uint slot_count;
     uint is_of_instances;
     uint keeps_all;             // triangles that no ray can hit too, since they may move
+    uint halvings;              // of all primitives into chunks
+    uint unused;
 };
 
 layout(buffer_reference, scalar, buffer_reference_align = 8) readonly buffer TreeBuilds { TreeBuild at[]; };
 
 layout(push_constant, scalar) uniform Work {
     TreeBuilds builds;
+    Parts parts;  // builds and chunks
+    uint stage;
+    uint stage_halvings;  // which each stage undoes
+    uint left_halvings;   // of a chunk up to 2^left_halvings clusters are left
 } work;
 
-shared uvec2 sums[THREADS];
+shared uint sums[THREADS];
 
 TreeBuild build;
 uint thread;
+// The primitives of this workgroup's chunk: [chunk_begin, chunk_end). Its lists have the same place among all.
+uint chunk_begin;
+uint chunk_end;
 
 void wait_for_all() {
     memoryBarrierBuffer();
@@ -83,12 +92,12 @@ void wait_for_all() {
 
 // The sum of the values of all threads before this one, and of all, to make a list without gaps: Hillis and Steele,
 // "Data Parallel Algorithms" (1986).
-uvec2 sum_before(uvec2 value, out uvec2 total) {
+uint sum_before(uint value, out uint total) {
     sums[thread] = value;
     wait_for_all();
-    uvec2 sum = value;
+    uint sum = value;
     for (uint step = 1u; step < THREADS; step *= 2u) {
-        uvec2 other = thread >= step ? sums[thread - step] : uvec2(0u);
+        uint other = thread >= step ? sums[thread - step] : 0u;
         wait_for_all();
         sum += other;
         sums[thread] = sum;
@@ -106,12 +115,24 @@ void own_part(uint count, out uint begin, out uint end) {
     end = min(begin + share, count);
 }
 
-float half_area(vec3 low, vec3 high) {
-    vec3 size = high - low;
-    return size.x * size.y + size.y * size.z + size.z * size.x;
+// After how many halvings the chunks of a stage begin.
+uint halvings_of(uint stage) { return build.halvings - min(build.halvings, work.stage_halvings * stage); }
+
+// The ends of one of 2^halvings chunks. Of an odd number the first half is the larger one.
+void find_chunk(uint halvings, uint number, out uint begin, out uint end) {
+    uint size = build.count;
+    begin = 0u;
+    for (uint bit = halvings; bit-- > 0u;) {
+        uint second = size / 2u;
+        bool is_second = (number >> bit & 1u) != 0u;
+        if (is_second) { begin += size - second; }
+        size = is_second ? second : size - second;
+    }
+    end = begin + size;
 }
 
-bool is_finite(vec3 v) { return all(lessThanEqual(abs(v), vec3(3.4028235e38))); }  // comparisons with NaN are false
+// How often a number must be halved, rounded up, to become 1.
+uint halvings_to_one(uint count) { return count > 1u ? uint(findMSB(count - 1u)) + 1u : 0u; }
 
 // ---- primitives -------------------------------------------------------------------------------------
 
@@ -207,33 +228,52 @@ void write_instance(uint place, uint number) {
 
 // ---- clusters ---------------------------------------------------------------------------------------
 
+// Where the chunk's lists are: two of clusters in turn, and behind them what each cluster is nearest to.
+uint list_at(uint list) { return list * build.count + chunk_begin; }
+uint nearest_at() { return list_at(2u); }
+
 // Makes a cluster of each primitive that rays can hit; returns their number. Their list is the first one.
 uint make_clusters() {
     uint begin, end, found = 0u;
-    own_part(build.count, begin, end);
-    for (uint number = begin; number < end; number++) {
+    own_part(chunk_end - chunk_begin, begin, end);
+    for (uint number = chunk_begin + begin; number < chunk_begin + end; number++) {
         Cluster made;
         bool hittable = build.is_of_instances != 0u ? instance_box(number, made.low, made.high)
                                                     : triangle_box(number, made.low, made.high);
         made.first = made.second = number;
         made.cost = TRIANGLE_COST * half_area(made.low, made.high);
         made.size = 1u | IS_LEAF;
-        made.parent = hittable ? NO_NODE : UNHITTABLE;
-        made.unused = 0u;
+        made.parent = hittable ? number : UNHITTABLE;
+        made.height = 0u;
         build.clusters.at[number] = made;
         found += hittable ? 1u : 0u;
     }
-    uvec2 total;
-    uint place = sum_before(uvec2(found, 0u), total).x;
-    for (uint number = begin; number < end; number++) {
-        if (build.clusters.at[number].parent == NO_NODE) { build.lists.at[place++] = number; }
+    uint total;
+    uint place = list_at(0u) + sum_before(found, total);
+    for (uint number = chunk_begin + begin; number < chunk_begin + end; number++) {
+        if (build.clusters.at[number].parent != UNHITTABLE) { build.lists.at[place++] = number; }
     }
     wait_for_all();
-    return total.x;
+    return total;
 }
 
-// The place in a list of the cluster whose box together with that of another is smallest.
-uint nearest_cluster(uint list, uint count, uint place) {
+// Joins what the stage before left of 2^halvings chunks, as this chunk's second list; returns its length.
+uint join_lists(uint halvings_before, uint chunk, uint halvings) {
+    uint count = 0u;
+    for (uint i = 0u; i < 1u << halvings; i++) {
+        uint begin, end;
+        find_chunk(halvings_before, (chunk << halvings) + i, begin, end);
+        uint length = build.lists.at[2u * build.count + begin];
+        if (thread < length) { build.lists.at[list_at(1u) + count + thread] = build.lists.at[begin + thread]; }
+        count += length;
+    }
+    wait_for_all();
+    return count;
+}
+
+// The place in a list of the cluster whose box together with that of another is smallest. max_height: of the node above
+// both; a cluster that is too high for one is its own nearest.
+uint nearest_cluster(uint list, uint count, uint place, uint max_height) {
     Cluster own = build.clusters.at[build.lists.at[list + place]];
     uint first = uint(max(int(place) - SEARCH_RADIUS, 0)), last = min(place + uint(SEARCH_RADIUS), count - 1u);
     uint nearest = place;
@@ -241,6 +281,7 @@ uint nearest_cluster(uint list, uint count, uint place) {
     for (uint other = first; other <= last; other++) {
         if (other == place) { continue; }
         Cluster candidate = build.clusters.at[build.lists.at[list + other]];
+        if (max(own.height, candidate.height) >= max_height) { continue; }
         float area = half_area(min(own.low, candidate.low), max(own.high, candidate.high));
         // Of equally near ones the one whose number differs in the lowest bits: both of such a pair choose each other.
         if (area < least || nearest == place || (area == least && (other ^ place) < (nearest ^ place))) {
@@ -251,15 +292,17 @@ uint nearest_cluster(uint list, uint count, uint place) {
     return nearest;
 }
 
-// Makes one cluster of two.
-void merge(uint node, uint first, uint second) {
+// Makes one cluster of two; returns its number.
+uint merge(uint first, uint second) {
     Cluster a = build.clusters.at[first], b = build.clusters.at[second];
+    uint node = build.count + b.parent;
     Cluster made;
     made.low = min(a.low, b.low);
     made.high = max(a.high, b.high);
     made.first = first;
     made.second = second;
     made.size = (a.size & ~IS_LEAF) + (b.size & ~IS_LEAF);
+    made.height = max(a.height, b.height) + 1u;
     float area = half_area(made.low, made.high);
     float as_node = NODE_COST * area + a.cost + b.cost;
     float as_leaf = TRIANGLE_COST * area * float(made.size);
@@ -267,48 +310,67 @@ void merge(uint node, uint first, uint second) {
     if (build.is_of_instances == 0u && made.size <= MAX_LEAF_TRIANGLES && as_leaf <= as_node) {
         made.cost = as_leaf;
         made.size |= IS_LEAF;
+        made.height = 0u;
     }
-    made.parent = NO_NODE;
-    made.unused = 0u;
+    made.parent = a.parent;
     build.clusters.at[node] = made;
     build.clusters.at[first].parent = node;
     build.clusters.at[second].parent = node;
+    return node;
 }
 
 // One round: merges pairs, and writes the list of what is left behind `next`. Returns its length. by_place: pairs are
-// neighbors in the list, so that each round halves it.
-uint merge_pairs(uint list, uint next, uint count, uint first_node, bool by_place) {
-    uint nearest = 2u * build.count;
+// neighbors in the list, so that the round halves it.
+uint merge_pairs(uint list, uint next, uint count, uint max_height, bool by_place) {
+    uint nearest = nearest_at();
     for (uint place = thread; place < count; place += THREADS) {
-        uint other = by_place ? min(place ^ 1u, count - 1u) : nearest_cluster(list, count, place);
+        uint other = by_place ? min(place ^ 1u, count - 1u) : nearest_cluster(list, count, place, max_height);
         build.lists.at[nearest + place] = other;
     }
     wait_for_all();
-    uint begin, end;
+    uint begin, end, left = 0u;
     own_part(count, begin, end);
-    uvec2 made = uvec2(0u);  // clusters of the next list, and those among them that are new
     for (uint place = begin; place < end; place++) {
         uint other = build.lists.at[nearest + place];
         bool is_pair = other != place && build.lists.at[nearest + other] == place;
-        if (!is_pair || place < other) { made.x++; }
-        if (is_pair && place < other) { made.y++; }
+        if (!is_pair || place < other) { left++; }
     }
-    uvec2 total;
-    uvec2 before = sum_before(made, total);
+    uint total;
+    uint made = next + sum_before(left, total);
     for (uint place = begin; place < end; place++) {
         uint other = build.lists.at[nearest + place];
         bool is_pair = other != place && build.lists.at[nearest + other] == place;
         if (is_pair && place > other) { continue; }
         uint cluster = build.lists.at[list + place];
-        if (is_pair) {
-            uint node = first_node + before.y++;
-            merge(node, cluster, build.lists.at[list + other]);
-            cluster = node;
-        }
-        build.lists.at[next + before.x++] = cluster;
+        build.lists.at[made++] = is_pair ? merge(cluster, build.lists.at[list + other]) : cluster;
     }
     wait_for_all();
-    return total.x;
+    return total;
+}
+
+// Merges the clusters of this chunk, which are in one of its two lists, until few enough are left, or one in the last
+// stage. Leaves them in the first list, and their number where the third one begins; returns it.
+uint merge_chunk(uint count, uint list, uint halvings, uint stage) {
+    uint left_halvings = halvings > 0u ? work.left_halvings : 0u;
+    // So high may the clusters of this stage become: later stages need a level for each halving of all that is left,
+    // and of the levels to spare each stage has an equal share.
+    uint levels_later = halvings + left_halvings;
+    uint stages_later = (halvings + work.stage_halvings - 1u) / work.stage_halvings;
+    uint spare = MAX_TREE_HEIGHT - halvings_to_one(build.count);
+    uint max_height = MAX_TREE_HEIGHT - levels_later - spare * stages_later / (stages_later + stage + 1u);
+    bool by_place = false;
+    for (uint round = 0u; count > 1u << left_halvings; round++) {
+        // Rounds by place make every cluster one higher, and so many of them are always enough from here on.
+        uint rounds_left = halvings_to_one(count) - left_halvings;
+        uint left = merge_pairs(list_at(list), list_at(1u - list), count, max_height - rounds_left, by_place);
+        by_place = left == count || round >= MAX_ROUNDS;
+        count = left;
+        list = 1u - list;
+    }
+    if (list == 1u && thread < count) { build.lists.at[list_at(0u) + thread] = build.lists.at[list_at(1u) + thread]; }
+    if (thread == 0u) { build.lists.at[nearest_at()] = count; }
+    wait_for_all();
+    return count;
 }
 
 // ---- from clusters to nodes -------------------------------------------------------------------------
@@ -318,7 +380,7 @@ uint place_of(uint cluster, out bool within_leaf) {
     uint place = 0u;
     within_leaf = false;
     uint parent = build.clusters.at[cluster].parent;
-    while (parent != NO_NODE) {
+    while (parent >= build.count) {
         Cluster above = build.clusters.at[parent];
         if (above.second == cluster) { place += build.clusters.at[above.first].size & ~IS_LEAF; }
         within_leaf = within_leaf || (above.size & IS_LEAF) != 0u;
@@ -336,57 +398,73 @@ uint reference_of(Cluster child, uint place) {
     return place + (build.clusters.at[child.first].size & ~IS_LEAF);
 }
 
-void write_leaves() {
-    for (uint number = thread; number < build.count; number += THREADS) {
+void write_leaf(uint number) {
+    bool within_leaf;
+    uint place = place_of(number, within_leaf);
+    if (build.is_of_instances != 0u) { write_instance(place, number); } else { write_triangle(place, number); }
+}
+
+void write_node(uint node) {
+    Cluster own = build.clusters.at[node];
+    bool within_leaf;
+    uint place = place_of(node, within_leaf);
+    Cluster first = build.clusters.at[own.first], second = build.clusters.at[own.second];
+    uint middle = place + (first.size & ~IS_LEAF);
+    if (within_leaf || (own.size & IS_LEAF) != 0u) {
+        // Refits look at all slots.
+        MadeNodes(build.nodes).at[middle] = NO_NODE;
+        return;
+    }
+    uint parent = 0u;
+    if (own.parent >= build.count) {
+        parent = build.clusters.at[own.parent].second == node ? place : place + (own.size & ~IS_LEAF);
+    }
+    MadeNodes(build.nodes).at[middle] = TreeNode(
+        first.low, reference_of(first, place), first.high, parent,
+        second.low, reference_of(second, middle), second.high, 0u
+    );
+}
+
+void write_chunk() {
+    uint root = build.lists.at[0];
+    for (uint number = chunk_begin + thread; number < chunk_end; number += THREADS) {
         if (build.clusters.at[number].parent == UNHITTABLE) { continue; }
-        bool within_leaf;
-        uint place = place_of(number, within_leaf);
-        if (build.is_of_instances != 0u) { write_instance(place, number); } else { write_triangle(place, number); }
+        write_leaf(number);
+        // Behind the primitive that the root holds there is no node.
+        if (number != build.clusters.at[root].parent) { write_node(build.count + number); }
     }
 }
 
-void write_nodes(uint node_end) {
-    for (uint node = build.count + thread; node < node_end; node += THREADS) {
-        Cluster own = build.clusters.at[node];
-        bool within_leaf;
-        uint place = place_of(node, within_leaf);
-        if (within_leaf || (own.size & IS_LEAF) != 0u) { continue; }
-        Cluster first = build.clusters.at[own.first], second = build.clusters.at[own.second];
-        uint middle = place + (first.size & ~IS_LEAF);
-        MadeNodes(build.nodes).at[middle] = TreeNode(
-            first.low, reference_of(first, place), first.high, 0u,
-            second.low, reference_of(second, middle), second.high, 0u
-        );
-    }
-}
-
-void write_entrance(uint root, uint count) {
-    TreeNode entrance = TreeNode(vec3(0.0), NO_ROOT, vec3(0.0), build.slot_count, vec3(0.0), 0u, vec3(0.0), 0u);
+void write_entrance(uint count) {
+    TreeNode entrance = NO_NODE;
+    entrance.slot_count = build.slot_count;
     if (count > 0u) {
-        Cluster whole = build.clusters.at[root];
+        Cluster whole = build.clusters.at[build.lists.at[0]];
         entrance.first_low = whole.low;
         entrance.first_high = whole.high;
         entrance.first = reference_of(whole, 0u);
+        entrance.second_low.x = cost_for_ray(whole.cost, whole.low, whole.high);
     }
     MadeNodes(build.nodes).at[0] = entrance;
 }
 
 void main() {
     thread = gl_LocalInvocationIndex;
-    build = work.builds.at[gl_WorkGroupID.x];
-    uint count = make_clusters();
-    uint list = 0u, next = build.count, node_end = build.count;
-    for (uint round = 0u; count > 1u; round++) {
-        // Pairs by place halve the list, so that this many rounds are enough from here on.
-        uint rounds_left = uint(findMSB(count - 1u)) + 1u;
-        uint left = merge_pairs(list, next, count, node_end, round + rounds_left >= MAX_TREE_HEIGHT);
-        node_end += count - left;
-        count = left;
-        uint before = list;
-        list = next;
-        next = before;
+    uvec2 part = work.parts.at[gl_WorkGroupID.x];
+    build = work.builds.at[part.x];
+    if (work.stage == WRITING_STAGE) {
+        find_chunk(build.halvings, part.y, chunk_begin, chunk_end);
+        write_chunk();
+        return;
     }
-    write_leaves();
-    write_nodes(node_end);
-    if (thread == 0u) { write_entrance(build.lists.at[list], count); }
+    uint halvings = halvings_of(work.stage), count;
+    find_chunk(halvings, part.y, chunk_begin, chunk_end);
+    if (work.stage == 0u) {
+        count = merge_chunk(make_clusters(), 0u, halvings, 0u);
+    } else {
+        uint before = halvings_of(work.stage - 1u);
+        count = merge_chunk(join_lists(before, part.y, before - halvings), 1u, halvings, work.stage);
+    }
+    if (halvings == 0u && thread == 0u) { write_entrance(count); }
+    if (build.halvings == 0u) { write_chunk(); }
 }

@@ -1,115 +1,142 @@
-// Fits trees to triangles that have moved, each by one workgroup: the nodes stay, and their boxes are computed anew
-// from the leaves up (Wald, Boulos and Shirley, "Ray Tracing Deformable Scenes Using Dynamic Bounding Volume
-// Hierarchies", 2007). A tree is fitted in place, or made from another one of the same mesh. The host puts barriers
-// around this shader itself.
+// Fits trees to triangles that have moved: the nodes stay, and their boxes are computed anew from the leaves up (Wald,
+// Boulos and Shirley, "Ray Tracing Deformable Scenes Using Dynamic Bounding Volume Hierarchies", 2007). A tree is
+// fitted in place, or made from another one of the same mesh. A thread begins at a node whose children are leaves and
+// goes up; where two of them meet, the second goes on: Karras, "Maximizing Parallelism in the Construction of BVHs,
+// Octrees, and k-d Trees" (2012). The host puts barriers around this shader itself.
 #version 460
-#include "common/math.glsl"
-#include "scene/trees/tree.glsl"
+#include "scene/trees/making.glsl"
 
 layout(local_size_x = 256) in;
 
-const uint THREADS = 256u;
+const uint PASSED = 1u << 31;  // in TreeNode.passed, beside the cost, whose sign isn't needed
 
-layout(buffer_reference, scalar, buffer_reference_align = 4) readonly buffer Corners { vec3 at[]; };
-layout(buffer_reference, scalar, buffer_reference_align = 4) readonly buffer Indices { uvec3 at[]; };
 layout(buffer_reference, scalar, buffer_reference_align = 16) coherent buffer FittedNodes { TreeNode at[]; };
-layout(buffer_reference, scalar, buffer_reference_align = 16) coherent buffer FittedTriangles { TreeTriangle at[]; };
+layout(buffer_reference, scalar, buffer_reference_align = 16) buffer FittedTriangles { TreeTriangle at[]; };
 
 struct TreeRefit {
     Corners corners;  // where the triangles are now
     Indices indices;
-    uvec2 source;     // the tree that has the nodes and the order of triangles
-    uvec2 fitted;
+    TreeNodes source;  // the tree that has the nodes and the order of triangles
+    FittedNodes fitted;
     uint slot_count;  // of both
     uint triangle_count;
+    float growth;     // of the cost since the tree was built, which is what the host learns
+    uint unused;
 };
 
-layout(buffer_reference, scalar, buffer_reference_align = 8) readonly buffer TreeRefits { TreeRefit at[]; };
+layout(buffer_reference, scalar, buffer_reference_align = 8) buffer TreeRefits { TreeRefit at[]; };
 
 layout(push_constant, scalar) uniform Work {
     TreeRefits refits;
+    Parts parts;  // refits, and so many slots of their trees
+    uint slots;
 } work;
 
-shared bool changed;
+TreeRefit refit;
 
-struct Box {
+struct Subtree {
     vec3 low;
     vec3 high;
+    float cost;  // of the surface area heuristic, times the root's area
 };
 
-bool is_finite(vec3 v) { return all(lessThanEqual(abs(v), vec3(3.4028235e38))); }  // comparisons with NaN are false
-
-void write_triangles(TreeRefit refit) {
-    FittedTriangles triangles = FittedTriangles(leaves_behind(refit.fitted, refit.slot_count));
-    TreeTriangles before = TreeTriangles(leaves_behind(refit.source, refit.slot_count));
-    for (uint place = gl_LocalInvocationIndex; place < refit.triangle_count; place += THREADS) {
+// Writes the triangles of a leaf. Rays hit none that isn't finite.
+Subtree fit_leaf(uint leaf) {
+    Subtree made = Subtree(vec3(INFINITY), vec3(-INFINITY), 0.0);
+    uint begin = leaf & LEAF_FIRST_MASK, count = ((leaf & ~LEAF) >> LEAF_COUNT_SHIFT) + 1u;
+    TreeTriangles before = TreeTriangles(leaves_behind(uvec2(refit.source), refit.slot_count));
+    FittedTriangles triangles = FittedTriangles(leaves_behind(uvec2(refit.fitted), refit.slot_count));
+    for (uint place = begin; place < begin + count; place++) {
         uint number = before.at[place].number;
         uvec3 corners = refit.indices.at[number];
-        triangles.at[place] = TreeTriangle(
-            refit.corners.at[corners.x], number, refit.corners.at[corners.y], 0u, refit.corners.at[corners.z], 0u
-        );
+        vec3 a = refit.corners.at[corners.x], b = refit.corners.at[corners.y], c = refit.corners.at[corners.z];
+        triangles.at[place] = TreeTriangle(a, number, b, 0u, c, 0u);
+        if (!is_finite(a) || !is_finite(b) || !is_finite(c)) { continue; }
+        made.low = min(made.low, min(min(a, b), c));
+        made.high = max(made.high, max(max(a, b), c));
+    }
+    made.cost = TRIANGLE_COST * half_area(made.low, made.high) * float(count);
+    return made;
+}
+
+Subtree join(Subtree a, Subtree b) {
+    Subtree made = Subtree(min(a.low, b.low), max(a.high, b.high), a.cost + b.cost);
+    made.cost += NODE_COST * half_area(made.low, made.high);
+    return made;
+}
+
+void set_box(uint slot, bool is_second, Subtree child) {
+    if (is_second) {
+        refit.fitted.at[slot].second_low = child.low;
+        refit.fitted.at[slot].second_high = child.high;
+    } else {
+        refit.fitted.at[slot].first_low = child.low;
+        refit.fitted.at[slot].first_high = child.high;
     }
 }
 
-// The box around a child as it is by now. Rays hit no triangle that isn't finite.
-Box box_of(TreeRefit refit, uint child) {
-    Box box = Box(vec3(INFINITY), vec3(-INFINITY));
-    if ((child & LEAF) == 0u) {
-        if (child >= refit.slot_count) { return box; }  // of a slot without a node
-        TreeNode node = FittedNodes(refit.fitted).at[child];
-        return Box(min(node.first_low, node.second_low), max(node.first_high, node.second_high));
-    }
-    uint begin = child & LEAF_FIRST_MASK;
-    uint end = min(begin + ((child & ~LEAF) >> LEAF_COUNT_SHIFT) + 1u, refit.triangle_count);
-    for (uint place = begin; place < end; place++) {
-        TreeTriangle found = FittedTriangles(leaves_behind(refit.fitted, refit.slot_count)).at[place];
-        if (!is_finite(found.a) || !is_finite(found.b) || !is_finite(found.c)) { continue; }
-        box.low = min(box.low, min(min(found.a, found.b), found.c));
-        box.high = max(box.high, max(max(found.a, found.b), found.c));
-    }
-    return box;
-}
-
-// Computes the boxes of a node anew; returns whether they have changed.
-bool fit(TreeRefit refit, uint slot, TreeNode node) {
-    TreeNode fitted = node;
-    if (slot > 0u || node.first != NO_ROOT) {
-        Box box = box_of(refit, node.first);
-        fitted.first_low = box.low;
-        fitted.first_high = box.high;
-    }
-    if (slot > 0u) {
-        Box box = box_of(refit, node.second);
-        fitted.second_low = box.low;
-        fitted.second_high = box.high;
-    }
-    FittedNodes(refit.fitted).at[slot] = fitted;
-    return fitted.first_low != node.first_low || fitted.first_high != node.first_high
-        || fitted.second_low != node.second_low || fitted.second_high != node.second_high;
-}
-
-void wait_for_all() {
+// The child of a node that another thread has fitted. Returns whether it has.
+bool other_child(uint slot, bool is_second, float own_cost, out Subtree other) {
     memoryBarrierBuffer();
-    memoryBarrierShared();
-    barrier();
+    uint passed = atomicExchange(refit.fitted.at[slot].passed, floatBitsToUint(own_cost) | PASSED);
+    if (passed == 0u) { return false; }
+    memoryBarrierBuffer();
+    refit.fitted.at[slot].passed = 0u;
+    other.low = is_second ? refit.fitted.at[slot].second_low : refit.fitted.at[slot].first_low;
+    other.high = is_second ? refit.fitted.at[slot].second_high : refit.fitted.at[slot].first_high;
+    other.cost = uintBitsToFloat(passed & ~PASSED);
+    return true;
+}
+
+void finish(Subtree whole, uint part) {
+    set_box(0u, false, whole);
+    float built = refit.source.at[0].second_low.x;
+    work.refits.at[part].growth = cost_for_ray(whole.cost, whole.low, whole.high) / built;
+}
+
+// Fits a node whose children are leaves, and all above it whose other child is fitted.
+void climb(uint slot, uint part) {
+    Subtree first = fit_leaf(refit.source.at[slot].first), second = fit_leaf(refit.source.at[slot].second);
+    set_box(slot, false, first);
+    set_box(slot, true, second);
+    Subtree own = join(first, second);
+    for (uint height = 1u; height <= MAX_TREE_HEIGHT; height++) {
+        uint parent = refit.source.at[slot].slot_count;
+        if (parent == 0u) {
+            finish(own, part);
+            return;
+        }
+        bool is_second = refit.source.at[parent].second == slot;
+        set_box(parent, is_second, own);
+        uint sibling = is_second ? refit.source.at[parent].first : refit.source.at[parent].second;
+        Subtree other;
+        if ((sibling & LEAF) != 0u) {
+            other = fit_leaf(sibling);
+            set_box(parent, !is_second, other);
+        } else if (!other_child(parent, !is_second, own.cost, other)) {
+            return;
+        }
+        own = join(own, other);
+        slot = parent;
+    }
+}
+
+void fit_from(uint slot, uint part) {
+    uint first = refit.source.at[slot].first, second = refit.source.at[slot].second;
+    refit.fitted.at[slot].first = first;
+    refit.fitted.at[slot].second = second;
+    refit.fitted.at[slot].slot_count = refit.source.at[slot].slot_count;
+    if (slot == 0u) {
+        refit.fitted.at[slot].second_low = refit.source.at[slot].second_low;
+        if ((first & LEAF) != 0u) { finish(fit_leaf(first), part); }
+    } else if ((first & second & LEAF) != 0u) {
+        climb(slot, part);
+    }
 }
 
 void main() {
-    TreeRefit refit = work.refits.at[gl_WorkGroupID.x];
-    write_triangles(refit);
-    wait_for_all();
-    for (uint slot = gl_LocalInvocationIndex; slot < refit.slot_count; slot += THREADS) {
-        fit(refit, slot, TreeNodes(refit.source).at[slot]);
-    }
-    // After each round the boxes of one more level above the leaves are right, and no path to a leaf is longer.
-    for (uint round = 0u; round <= MAX_TREE_HEIGHT; round++) {
-        wait_for_all();
-        if (gl_LocalInvocationIndex == 0u) { changed = false; }
-        wait_for_all();
-        for (uint slot = gl_LocalInvocationIndex; slot < refit.slot_count; slot += THREADS) {
-            if (fit(refit, slot, FittedNodes(refit.fitted).at[slot])) { changed = true; }
-        }
-        wait_for_all();
-        if (!changed) { break; }
-    }
+    uvec2 part = work.parts.at[gl_WorkGroupID.x];
+    refit = work.refits.at[part.x];
+    uint begin = work.slots * part.y, end = min(begin + work.slots, refit.slot_count);
+    for (uint slot = begin + gl_LocalInvocationIndex; slot < end; slot += THREADS) { fit_from(slot, part.x); }
 }

@@ -10,16 +10,17 @@
 
 // A node holds the boxes of both children, so that one load decides which of them a ray visits: Aila and Laine,
 // "Understanding the Efficiency of Ray Traversal on GPUs" (2009). A child is the slot of a node, or a leaf. Slot 0 is
-// the entrance, whose first child is the root; without a root it is NO_ROOT. It has no second child.
+// the entrance, whose first child is the root; without a root it is NO_ROOT. It has no second child; second_low.x is
+// the cost of the tree when it was built.
 struct TreeNode {
     vec3 first_low;
     uint first;
     vec3 first_high;
-    uint slot_count;  // of the whole tree, in slot 0; the leaves lie behind that many slots
+    uint slot_count;  // in slot 0: of the whole tree; the leaves lie behind that many slots. Elsewhere the node above
     vec3 second_low;
     uint second;
     vec3 second_high;
-    uint unused;
+    uint passed;      // while a refit runs: from the child that came first, else 0
 };
 
 // A leaf's bits, from the highest: LEAF, the number of its primitives less one, and where the first of them is.

@@ -1,5 +1,4 @@
-"""Trees of boxes over the triangles of a mesh, or over instances: builds by glsl/scene/trees/build.comp, and refits of
-meshes that move by refit.comp.
+"""Trees of boxes over the triangles of a mesh, or over instances, and builds by glsl/scene/trees/build.comp.
 
 They take the place of acceleration structures on devices whose rays are traced by compute: a MeshTree that of a Blas, a
 SceneTree that of a Tlas, of whose interface they have what scenes need.
@@ -11,6 +10,7 @@ from collections.abc import Sequence
 from weakref import WeakKeyDictionary
 
 import numpy as np
+from numpy.typing import NDArray
 
 from solari_vk.base.errors import SolariError
 from solari_vk.gpu.acceleration.geometry import TriangleGeometry
@@ -33,24 +33,25 @@ SCRATCH_BYTES = 2 * CLUSTER_BYTES + 3 * PLACE_BYTES
 SCRATCH_BUDGET = 256 << 20
 # A leaf has 28 bits for the place of its first primitive.
 MAX_PRIMITIVES = 1 << 28
-GROUP_SIZE = 256  # threads that build a tree
+GROUP_SIZE = 256  # threads of a workgroup
 MAX_GROUPS = 65535  # of one dispatch, on any device
+# Of a large tree each workgroup clusters up to 2^(LEFT_HALVINGS + STAGE_HALVINGS) neighbors until 2^LEFT_HALVINGS are
+# left, then of the clusters of 2^STAGE_HALVINGS workgroups one does so in the next stage.
+LEFT_HALVINGS = 5  # a workgroup has a thread for each of these clusters
+STAGE_HALVINGS = 5
+WRITING_STAGE = 0xFFFFFFFF
+PART_BYTES = 8
 BUILD_DTYPE = np.dtype(
     [(name, "<u8") for name in ("corners", "indices", "instances", "nodes", "clusters", "lists")]
-    + [(name, "<u4") for name in ("count", "slot_count", "is_of_instances", "keeps_all")]
+    + [(name, "<u4") for name in ("count", "slot_count", "is_of_instances", "keeps_all", "halvings", "unused")]
 )
 """TreeBuild of build.comp."""
-
-REFIT_DTYPE = np.dtype(
-    [(name, "<u8") for name in ("corners", "indices", "source", "fitted")]
-    + [(name, "<u4") for name in ("slot_count", "triangle_count")]
-)
-"""TreeRefit of refit.comp."""
 
 _kernels: WeakKeyDictionary[Device, dict[str, Kernel]] = WeakKeyDictionary()
 
 
-def _kernel(device: Device, name: str) -> Kernel:
+def tree_kernel(device: Device, name: str) -> Kernel:
+    """The shader of this name in glsl/scene/trees/."""
     made = _kernels.setdefault(device, {})
     if name not in made:
         made[name] = Kernel(device, f"scene/trees/{name}.comp")
@@ -76,10 +77,21 @@ class Tree:
         """Its name in messages."""
         return f"tree {self.name}"
 
+    def mark_built(self) -> None:
+        """Note that a build was submitted."""
+        self.built = True
+
     def destroy(self) -> None:
         """Free the memory when the work submitted so far is done. Safe to call twice."""
         self.destroyed = True
         self.buffer.destroy()
+
+
+class Topology:
+    """What a tree that was built has in common with those that were refitted from it. newest: of them."""
+
+    def __init__(self, newest: MeshTree) -> None:
+        self.newest = newest
 
 
 class MeshTree(Tree):
@@ -89,8 +101,14 @@ class MeshTree(Tree):
         super().__init__(device, geometry.triangle_count, TRIANGLE_BYTES, name)
         self.geometry = geometry
         self.moves = moves
+        self.topology = Topology(self)
         if moves:
-            self.buffer.fill()  # refits look at all slots, also at those without nodes
+            self.buffer.fill()  # what refits pass from child to child
+
+    def mark_built(self) -> None:
+        """Note that a build was submitted."""
+        super().mark_built()
+        self.topology = Topology(self)
 
     def set_geometries(self, geometries: Sequence[TriangleGeometry]) -> None:
         """Have later builds and refits read this geometry, with as many triangles."""
@@ -116,35 +134,62 @@ class SceneTree(Tree):
         self.max_instances = max_instances
 
 
-def _record_groups(
-    device: Device, commands: raw.CData, kernel: Kernel, count: int, record_bytes: int, **address: int
-) -> None:
-    """Record a workgroup for each of `count` records, after all earlier and before all later work. address: of the
-    first record, by the name that the kernel has for it."""
+def parts_of(records: NDArray[np.int64], counts: NDArray[np.int64]) -> NDArray[np.uint32]:
+    """The work of workgroups (G, 2): the numbers of records, each as often as it has parts, and the parts."""
+    begins = np.cumsum(counts) - counts
+    numbers = np.arange(counts.sum()) - np.repeat(begins, counts)
+    return np.stack([np.repeat(records, counts), numbers], axis=1).astype(np.uint32)
+
+
+def record_parts(device: Device, commands: raw.CData, kernel: Kernel, count: int, parts: int, **pushed: int) -> None:
+    """Record a workgroup for each of `count` parts, which are at an address, after all earlier and before all later
+    work."""
     vk = device.vk
     vk.vkCmdPipelineBarrier2(commands, full_barrier())
     for first in range(0, count, MAX_GROUPS):
         groups = min(count - first, MAX_GROUPS)
-        moved = {name: begin + first * record_bytes for name, begin in address.items()}
-        kernel.record(commands, (GROUP_SIZE * groups, 1), **moved)
+        kernel.record(commands, (GROUP_SIZE * groups, 1), parts=parts + PART_BYTES * first, **pushed)
     vk.vkCmdPipelineBarrier2(commands, full_barrier())
 
 
+def _stages(halvings: NDArray[np.int64]) -> list[tuple[int, NDArray[np.uint32]]]:
+    """The stages of builds of trees whose primitives are halved so often into chunks, and the parts of each."""
+    every = np.arange(len(halvings))
+    stages = [(0, parts_of(every, 1 << halvings))]
+    large = every[halvings > 0]
+    left = large
+    while len(left):
+        stage = len(stages)
+        chunks = 1 << np.maximum(halvings[left] - STAGE_HALVINGS * stage, 0)
+        stages.append((stage, parts_of(left, chunks)))
+        left = left[chunks > 1]
+    if len(large):
+        stages.append((WRITING_STAGE, parts_of(large, 1 << halvings[large])))
+    return stages
+
+
 class TreeBuilds:
-    """Builds of trees, a workgroup each, which can be recorded and submitted again. jobs: trees, and what their builds
-    read by the names of BUILD_DTYPE."""
+    """Builds of trees, which can be recorded and submitted again. jobs: trees, and what their builds read by the names
+    of BUILD_DTYPE."""
 
     def __init__(self, device: Device, jobs: Sequence[tuple[Tree, dict[str, int]]]) -> None:
         self._device = device
         self.trees = [tree for tree, _ in jobs]
         counts = [read["count"] for _, read in jobs]
+        halvings = [(max(count - 1, 0) >> LEFT_HALVINGS + STAGE_HALVINGS).bit_length() for count in counts]
+        self._stages = _stages(np.array(halvings, np.int64))
+        parts = np.concatenate([parts for _, parts in self._stages])
+        names = ", ".join(tree.name for tree in self.trees[:3]) + (", ..." if len(jobs) > 3 else "")
         with device.undone_on_error():
-            self._kernel = _kernel(device, "build")
-            self._scratch = device.buffer(max(SCRATCH_BYTES * sum(counts), 16), "scratch of trees")
+            self._kernel = tree_kernel(device, "build")
+            size = max(SCRATCH_BYTES * sum(counts), 16)
+            self._scratch = device.buffer(size, f"that builds the trees of {names or 'no mesh'}")
             self._records = device.buffer(max(BUILD_DTYPE.itemsize * len(jobs), 16), "builds of trees")
+            self._parts = device.buffer(max(parts.nbytes, 16), "parts of builds")
         clusters = self._scratch.address
         lists = clusters + 2 * CLUSTER_BYTES * sum(counts)
         records = np.zeros(len(jobs), BUILD_DTYPE)
+        records["halvings"] = halvings
         for record, (tree, read), count in zip(records, jobs, counts, strict=True):
             made = {"nodes": tree.address, "slot_count": tree.slot_count, "clusters": clusters, "lists": lists}
             for name, value in (read | made).items():
@@ -153,54 +198,25 @@ class TreeBuilds:
             lists += 3 * PLACE_BYTES * count
         if jobs:
             self._records.upload(records)
+            self._parts.upload(parts)
 
     def record(self, commands: raw.CData) -> None:
         """Record the builds, after all earlier and before all later work."""
-        _record_groups(
-            self._device, commands, self._kernel, len(self.trees), BUILD_DTYPE.itemsize, builds=self._records.address
-        )
+        at = self._parts.address
+        for stage, parts in self._stages:
+            pushed = {"stage": stage, "stage_halvings": STAGE_HALVINGS, "left_halvings": LEFT_HALVINGS}
+            record_parts(self._device, commands, self._kernel, len(parts), at, builds=self._records.address, **pushed)
+            at += parts.nbytes
 
     def mark_built(self) -> None:
         """Note that the builds were submitted."""
         for tree in self.trees:
-            tree.built = True
+            tree.mark_built()
 
     def destroy(self) -> None:
         """Free the scratch when the work submitted so far is done."""
-        self._scratch.destroy()
-        self._records.destroy()
-
-
-class TreeRefits:
-    """Refits of trees over meshes that have moved, a workgroup each. pairs: trees, and those from which their nodes are
-    taken: built ones of the same meshes."""
-
-    def __init__(self, device: Device, pairs: Sequence[tuple[MeshTree, MeshTree]]) -> None:
-        self._device = device
-        self._pairs = pairs
-        rows = []
-        for tree, source in pairs:
-            geometry = tree.geometry
-            addresses = geometry.positions, geometry.indices, source.address, tree.address
-            rows.append((*addresses, tree.slot_count, geometry.triangle_count))
-        records = np.array(rows, REFIT_DTYPE)
-        with device.undone_on_error():
-            self._kernel = _kernel(device, "refit")
-            self._records = device.buffer(max(records.nbytes, 16), "refits of trees")
-        if pairs:
-            self._records.upload(records)
-
-    def record(self, commands: raw.CData) -> None:
-        """Record the refits, after all earlier and before all later work."""
-        _record_groups(
-            self._device, commands, self._kernel, len(self._pairs), REFIT_DTYPE.itemsize, refits=self._records.address
-        )
-        for tree, _ in self._pairs:
-            tree.built = True
-
-    def destroy(self) -> None:
-        """Free the records when the work submitted so far is done."""
-        self._records.destroy()
+        for owned in (self._scratch, self._records, self._parts):
+            owned.destroy()
 
 
 def build_meshes(device: Device, trees: Sequence[MeshTree], budget: int = SCRATCH_BUDGET) -> None:
@@ -213,15 +229,6 @@ def build_meshes(device: Device, trees: Sequence[MeshTree], budget: int = SCRATC
         part.append(tree)
     if part:
         _submit(device, part)
-
-
-def refit_meshes(device: Device, pairs: Sequence[tuple[MeshTree, MeshTree]]) -> None:
-    """Submit refits: `TreeRefits`."""
-    if not pairs:
-        return
-    refits = TreeRefits(device, pairs)
-    device.start(refits.record, "refit trees")
-    refits.destroy()
 
 
 def _submit(device: Device, trees: Sequence[MeshTree]) -> None:
