@@ -13,6 +13,7 @@ from solari_vk.base.errors import SolariError, quoted
 from solari_vk.batch.view_cameras import array, check_all, check_transforms
 from solari_vk.bound.binder import SceneBinder
 from solari_vk.gpu.tensors.imports import DeviceTensor
+from solari_vk.scene.group import Group
 from solari_vk.scene.lights.portal import Portal
 from solari_vk.scene.matrices import thickened
 from solari_vk.scene.model import Instance, Light, Material
@@ -40,6 +41,8 @@ class Overrides(MutableMapping[str | Item, Values], Generic[Item, Values]):
     def _item(self, key: str | Item) -> Item:
         items = getattr(self._binder.scene, self.among)
         name = self.among.removesuffix("s")
+        if isinstance(key, Group):
+            raise self._is_group(key)
         if isinstance(key, self.kind):
             if key not in items:
                 raise SolariError(f"{self.where}: the scene doesn't have {key.describe()}")
@@ -50,8 +53,20 @@ class Overrides(MutableMapping[str | Item, Values], Generic[Item, Values]):
             raise SolariError(
                 f"{self.where}: give the name of {article} {name} or {article} {self.kind.__name__}, not {quoted(key)}"
             )
-        found: Item = items[key]
+        try:
+            found: Item = items[key]
+        except SolariError:
+            groups = self._binder.scene.groups
+            if key in groups:
+                raise self._is_group(groups[key]) from None
+            raise
         return found
+
+    def _is_group(self, group: Group) -> SolariError:
+        return SolariError(
+            f"{self.where}: {group.describe()} is a group, which worlds have not: give the {self.among} "
+            "among its items theirs (docs/guides/batches.md, Worlds)"
+        )
 
     def _checked(self, item: Item, values: Any) -> Values:
         raise NotImplementedError

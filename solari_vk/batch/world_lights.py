@@ -299,7 +299,7 @@ class WorldLightLists:
             binder.add_feature(light)
             made.set_light(light, True)
         made.update(records.traced.lit_area)
-        binder.add_feature(made.leaves.light_tree)
+        binder.add_feature(made.leaves.choice)
         # Lights keep their numbers when a list is made anew, by which frames find them again.
         listed: list[Instance | Light] = [emitter.instance for emitter in emitters]
         for of_kind in made.lights_by_kind.values():

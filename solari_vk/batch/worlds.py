@@ -318,6 +318,7 @@ class Worlds:
         place = records.traced.record_index(row)
         if override.transforms is not None and not isinstance(override.transforms, DeviceTensor):
             placed = override.transforms[:, :3].copy()
+            self._binder.use_scale(instance, float(np.linalg.norm(placed[..., :3], axis=1).max()))
             placed[..., 3] -= records.origin
             self._instances["world_from_object"][:, row] = placed.transpose(0, 2, 1)
             self._traced["transform"][:, place] = placed

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from solari_vk.bound.assets import Assets
 from solari_vk.bound.lights.light_data import SharedBuffers
 from solari_vk.bound.lights.light_list import LightList
-from solari_vk.bound.lights.light_tree import LightTree
+from solari_vk.bound.lights.light_tree import LightChoice
 from solari_vk.bound.material_table import MaterialTable
 from solari_vk.bound.scene_records import SceneRecords
 from solari_vk.bound.table import HostTable, Table
@@ -191,9 +191,14 @@ class SceneBinder:
             return None
         return self.assets.accept_tensors(item, fields)
 
-    def add_feature(self, item: Observable | LightTree) -> None:
+    def add_feature(self, item: Observable | LightChoice) -> None:
         """Have shaders with what a world of a batch has in place of an object of the scene, or as its lights."""
         self.assets.features.add_of(item)
+        self._count_features()
+
+    def use_scale(self, instance: Instance, scale: float) -> None:
+        """Have shaders with large instances if a world of a batch shows an instance as one, at a scale."""
+        self.records.use_scale(instance, scale)
         self._count_features()
 
     def use_no_duplicate_any_hit(self, mesh: Mesh) -> bool:

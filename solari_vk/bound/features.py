@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from solari_vk.bound.lights.light_tree import LightTree
+from solari_vk.bound.lights.light_tree import LightChoice
 from solari_vk.gpu.shaders.compiler import COMMON_FEATURES
 from solari_vk.scene.camera import Camera
 from solari_vk.scene.lights.environment import EnvironmentLight
@@ -48,8 +48,8 @@ class Feature:
 
 FEATURES = (
     Feature("ENVIRONMENT", EnvironmentLight, lambda light: True),
-    Feature("LIGHT_TREE", LightTree, lambda tree: tree.has_choice),
-    Feature("LIGHT_STRATA", LightTree, lambda tree: tree.has_strata),
+    Feature("LIGHT_TREE", LightChoice, lambda choice: choice.by_tree),
+    Feature("LIGHT_STRATA", LightChoice, lambda choice: choice.by_strata),
     Feature("PORTAL", Portal, lambda light: True),
     Feature("POINT", PunctualLight, lambda light: light.radius == 0),
     Feature("SPHERE", PunctualLight, lambda light: light.radius > 0),

@@ -139,7 +139,7 @@ class SceneRecords:
         self._records_change = False
         self._update_instances()
         self.lights.update(self.traced.lit_area)
-        self._assets.features.add_of(self.lights.leaves.light_tree)
+        self._assets.features.add_of(self.lights.leaves.choice)
 
     def write_for_worlds(self) -> None:
         """Bring the records into the form that worlds of several scenes copy: in spatial order, and with the features
@@ -383,8 +383,7 @@ class SceneRecords:
         y -= self._origin[1]
         z -= self._origin[2]
         scale = math.sqrt(max(a * a + d * d + g * g, b * b + e * e + h * h, c * c + f * f + i * i))
-        if 2 * scale * float(self._geometry.half_sizes[ray_mesh].max()) >= LARGE_SIZE:
-            self._assets.features.add(LARGE)
+        self.use_scale(instance, scale)
         columns = (a, d, g, b, e, h, c, f, i, x, y, z)  # matrices of GLSL lie in memory column by column
         self.instance_table.set(
             row,
@@ -404,6 +403,12 @@ class SceneRecords:
             alpha_mode,
             self._geometry.blases[ray_mesh].address,
         )
+
+    def use_scale(self, instance: Instance, scale: float) -> None:
+        """Add the feature of large instances if an instance is one at a scale."""
+        _, ray_mesh, _ = self._uses[instance]
+        if 2 * scale * float(self._geometry.half_sizes[ray_mesh].max()) >= LARGE_SIZE:
+            self._assets.features.add(LARGE)
 
     def destroy(self) -> None:
         """Stop watching the scene, and free what is on the device but the assets."""

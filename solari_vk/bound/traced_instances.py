@@ -106,6 +106,7 @@ class TracedRecords:
 
     def lit_area(self) -> float:
         """The area of a disk around the instances' centers, in square meters; at least 1."""
+        # Without their sizes: a ground that reaches far would give the sun nearly all samples of a lit room on it.
         if not self._indices:
             return 1.0
         return max(float(np.square(np.ptp(self._boxes(self._rows())[0], axis=0)).sum()) * np.pi / 4, 1.0)

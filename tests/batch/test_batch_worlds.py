@@ -370,6 +370,10 @@ def test_wrong_worlds_are_named(device, monkeypatch):
 def test_what_is_given_is_a_mapping(device):
     scene = sv.builtin("cornell_box")
     with sv.Batch(device, scene, SIZE, 2, worlds=2) as batch:
+        group = scene.group("tall block", name="blocks")
+        for mapping, key in ((batch.transforms, "blocks"), (batch.world_lights, group)):
+            with pytest.raises(sv.SolariError, match="Group 'blocks' is a group"):
+                mapping[key] = np.eye(4)
         given = batch.world_materials
         assert "tall block" not in given
         assert given.get("tall block") is None

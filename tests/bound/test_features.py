@@ -101,3 +101,15 @@ def test_edits_bring_features_of_geometry(device):
         instance.scale = 60.0
         tracer.render(samples=1)
         assert tracer.binder.features == {"SCENE_SMOOTH_NORMALS", "SCENE_LARGE"}
+
+
+def test_worlds_bring_large_instances(device):
+    scene = sv.Scene(sv.DirectionalLight((0, -1, 0)))
+    block = scene.add(sv.shapes.box(), sv.Material())
+    transforms = np.tile(np.eye(4), (2, 1, 1))
+    with sv.Batch(device, scene, (8, 8), 2, worlds=2, outputs=["depth"]) as batch:
+        for scale, features in ((1, set()), (200, {"SCENE_LARGE"})):
+            transforms[1, :3, :3] = scale * np.eye(3)
+            batch.transforms[block] = transforms
+            batch.render([np.eye(4)] * 2, fov=50)
+            assert batch.binder.features == features

@@ -12,7 +12,7 @@ from solari_vk.bound.constants import FEW_LEAVES, NO_INDEX
 from solari_vk.bound.lights.alias_table import alias_table
 from solari_vk.bound.lights.clusters import Clusters
 from solari_vk.bound.lights.light_kinds import KIND_INDEX
-from solari_vk.bound.lights.light_tree import LightTree
+from solari_vk.bound.lights.light_tree import LightChoice, LightTree
 from solari_vk.bound.table import MakeTable
 
 Floats = NDArray[np.float64]
@@ -35,6 +35,7 @@ class LightLeaves:
         self.count = 0
         self.node_count = 0
         self.light_tree = LightTree(block_dtypes["light_tree"])
+        self.choice = LightChoice()
         self._lights: NDArray[np.int64] = np.zeros(0, np.int64)  # of each leaf
         self._shares: Floats = np.zeros(0)  # of each leaf in its light
         self._bounds: Floats = np.zeros((0, 2, 3))
@@ -102,7 +103,8 @@ class LightLeaves:
         if self.light_tree.leaves is not before:
             self.table.mark(range(self.count))
         is_few = self.count <= FEW_LEAVES and not has_portals
-        self.light_tree.has_strata = self.count > 1 and (is_few or 0 < in_tree < self.count)
+        by_strata = self.count > 1 and (is_few or 0 < in_tree < self.count)
+        self.choice = LightChoice(in_tree > 0, by_strata)
         if 0 < in_tree == self.count:
             return 1.0
         chosen = float(records["by_power"]["probability"][:in_tree].sum(dtype=np.float64))

@@ -9,7 +9,7 @@ splitting; Pharr, Jakob and Humphreys, "Physically Based Rendering" (4th edition
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +23,13 @@ HALVINGS = 3
 MAX_GROWTH = 1.5
 
 
+class LightChoice(NamedTuple):
+    """How light samples choose among a scene's lights: scene/lights/tree.glsl."""
+
+    by_tree: bool = False
+    by_strata: bool = False
+
+
 class LightTree:
     """The tree of a scene's lights. record: the shaders' struct LightNode."""
 
@@ -31,8 +38,6 @@ class LightTree:
         """Root first, siblings side by side."""
         self.leaves: NDArray[np.uint32] = np.zeros(0, np.uint32)
         """Each light's leaf (N,). Each tree that is built anew has a new array."""
-        self.has_strata = False
-        """Whether the scene's lights have several strata: scene/lights/tree.glsl."""
         self._ids: NDArray[np.uint32] = np.zeros(0, np.uint32)
         self._new_size = 0.0  # the sum of the nodes' sizes when the tree was built
 
