@@ -11,11 +11,13 @@ from hypothesis import strategies as st
 from support.seeded_bugs import Bug, expect_noticed
 
 import solari_vk as sv
+from solari_vk.base.errors import DeviceError, SolariError
 from solari_vk.bound.spatial_order import spatial_order
 from solari_vk.gpu.acceleration.geometry import TriangleGeometry
+from solari_vk.gpu.acceleration.tlas import INSTANCE_DTYPE
 from solari_vk.gpu.trees import tree as tree_module
 from solari_vk.gpu.trees.refits import TreeRefits
-from solari_vk.gpu.trees.tree import NODE_BYTES, MeshTree, build_meshes
+from solari_vk.gpu.trees.tree import NODE_BYTES, MeshTree, SceneBuild, SceneTree, build_meshes
 
 LEAF = 1 << 31
 LEAF_FIRST = (1 << 28) - 1
@@ -28,21 +30,27 @@ def half_areas(boxes):
     return size[..., 0] * size[..., 1] + size[..., 1] * size[..., 2] + size[..., 2] * size[..., 0]
 
 
-def built(device, corners):
-    """The nodes and the triangles of the tree over corners (N, 3, 3), which are in spatial order."""
+@contextmanager
+def mesh_tree(device, corners):
+    """A tree over corners (N, 3, 3), which are in spatial order; not built yet."""
     positions = np.ascontiguousarray(corners.reshape(-1, 3), np.float32)
     indices = np.arange(len(positions), dtype=np.uint32)
-    buffers = [device.buffer(max(array.nbytes, 16), "mesh") for array in (positions, indices)]
+    buffers = [device.buffer(array.nbytes, "mesh") for array in (positions, indices)]
     for buffer, array in zip(buffers, (positions, indices), strict=True):
-        if array.nbytes:
-            buffer.upload(array)
-    geometry = TriangleGeometry(buffers[0].address, len(positions), len(corners), buffers[1].address)
-    tree = MeshTree(device, geometry, "test")
-    build_meshes(device, [tree])
-    found = read(tree)
+        buffer.upload(array)
+    tree = MeshTree(
+        device, TriangleGeometry(buffers[0].address, len(positions), len(corners), buffers[1].address), "test"
+    )
+    yield tree
     for owned in (*buffers, tree):
         owned.destroy()
-    return found
+
+
+def built(device, corners):
+    """The nodes and the triangles of the tree over corners (N, 3, 3), which are in spatial order."""
+    with mesh_tree(device, corners) as tree:
+        build_meshes(device, [tree])
+        return read(tree)
 
 
 def read(tree):
@@ -185,13 +193,71 @@ def distances(corners, count):
     rng = np.random.default_rng(1)
     aims = corners[rng.integers(0, len(corners), count)].mean(axis=1)
     origins = aims + rng.normal(size=(count, 3))
-    mesh = sv.Mesh(corners.reshape(-1, 3), np.arange(3 * len(corners)).reshape(-1, 3))
+    mesh = sv.Mesh(*indexed(corners))
     found = []
     for way in ("query", "compute"):
         scene = sv.Scene(sv.Instance(mesh=mesh, material=sv.Material()))
         with sv.Device(rays=way) as device, sv.RayTracer(device, scene) as tracer:
             found.append(tracer.trace(origins, aims - origins)["t"])
     return found
+
+
+@contextmanager
+def scene_tree(device, places, address):
+    """A tree over instances of a mesh's tree, a tenth as large, at places (N, 3) in spatial order. All have row 0."""
+    records = np.zeros(len(places), INSTANCE_DTYPE)
+    records["transform"][:, :, :3] = 0.1 * np.eye(3)
+    records["transform"][:, :, 3] = places
+    records["custom_index_and_mask"] = 0xFF << 24
+    records["blas_address"] = address
+    buffer, scene = device.buffer(records.nbytes, "records"), SceneTree(device, len(places))
+    buffer.upload(records)
+    build = SceneBuild(scene, buffer.address, len(places))
+    build.submit()
+    yield scene
+    for owned in (build, scene, buffer):
+        owned.destroy()
+
+
+@pytest.mark.parametrize("count", [0, 1, 20_000])
+def test_each_instance_is_in_one_leaf(device, count):
+    mesh = soup("plain", 10)
+    places = np.random.default_rng(3).random((count, 3)).astype(np.float32)
+    places = places[spatial_order(places)]
+    with mesh_tree(device, mesh) as tree:
+        build_meshes(device, [tree])
+        with scene_tree(device, places, tree.address) as scene:
+            data = np.array(scene.buffer.read())
+    leaves = data[NODE_BYTES * scene.slot_count :].view(np.float32).reshape(-1, 20)[:count]
+    found = -leaves[:, 3:12:4] * 0.1  # object from world is a scale by 10
+    low, high = (0.1 * getattr(mesh, end)(axis=(0, 1)) + found for end in ("min", "max"))
+    inside = np.zeros((count, 3, 4), np.float32)
+    inside[:, :, :3] = np.stack([low, high, low], axis=1)
+    inside[:, 0, 3] = np.arange(count, dtype=np.uint32).view(np.float32)
+    numbers, _, _ = walk(data[: NODE_BYTES * scene.slot_count].view(np.float32).reshape(-1, 4, 4), inside)
+    assert sorted(numbers) == list(range(count))
+    np.testing.assert_allclose(np.sort(found, axis=0), np.sort(places, axis=0), atol=1e-6)
+
+
+@pytest.mark.slow
+def test_a_million_instances(any_device):
+    rng = np.random.default_rng(3)
+    places = 40 * rng.random((1_000_000, 3)).astype(np.float32)
+    places = places[spatial_order(places)]
+    origins = rng.normal(size=(40, 3)) * 60
+    directions = 40 * rng.random((40, 3)) - origins
+    scene = sv.Scene(sv.Instance(mesh=sv.shapes.box(), material=sv.Material()))
+    with sv.Device(rays="compute") as device, sv.RayTracer(device, scene) as tracer:
+        tracer.trace(origins, directions)
+        [tree] = tracer.binder.assets.geometry.blases.values()
+        with scene_tree(device, places, tree.address) as many:
+            tracer.binder.tlas._addresses.upload(np.array([many.address] * 2, np.uint64))
+            found = tracer.trace(origins, directions)["t"]
+        half = 0.1 * np.abs(sv.shapes.box().positions).max(axis=0)
+    for t, origin, direction in zip(found, origins, directions, strict=True):
+        ends = (places[None] + np.stack([-half, half])[:, None] - origin) / direction
+        enter, leave = ends.min(axis=0).max(axis=1), ends.max(axis=0).min(axis=1)
+        assert t == pytest.approx(enter[(enter <= leave) & (enter > 0)].min(initial=np.inf), rel=1e-5)
 
 
 @pytest.mark.parametrize("instances", [0, 1])
@@ -243,11 +309,7 @@ def test_trees_that_refits_made_bad_are_built_anew(any_device, goes_on):
     corners = soup("plain", 2000)
     moves = np.zeros(corners.shape)
     moves[::2, :, 0] = 3
-    mesh = sv.Mesh(
-        corners.reshape(-1, 3),
-        np.arange(6000).reshape(-1, 3),
-        deformation=sv.Deformation(targets=moves.reshape(1, -1, 3)),
-    )
+    mesh = sv.Mesh(*indexed(corners), deformation=sv.Deformation(targets=moves.reshape(1, -1, 3)))
     instance = sv.Instance(mesh=mesh, material=sv.Material(), morph_weights=[0.0])
     costs = []
     with sv.Device(rays="compute") as device, sv.RayTracer(device, sv.Scene(instance)) as tracer:
@@ -262,6 +324,57 @@ def test_trees_that_refits_made_bad_are_built_anew(any_device, goes_on):
         _, _, fresh = walk(*built(device, moved[spatial_order(moved.min(axis=1), moved.max(axis=1))]))
     assert max(costs[3:5]) > 3 * fresh
     assert max(costs[6:]) <= 1.5 * fresh
+
+
+def test_memory_of_trees(any_device):
+    """At most 160 bytes a triangle; what builds them is freed."""
+    with sv.Device(rays="compute") as device, mesh_tree(device, soup("plain", 20_000)) as tree:
+        build_meshes(device, [tree])
+        device.wait_idle()
+        assert 0 < device.memory.bytes_by_use["trees"] <= 160 * 20_000
+
+
+@pytest.mark.parametrize("name", ["buffer tree statue", "buffer that builds trees of statue"])
+def test_exhausted_memory_names_trees_and_loses_nothing(any_device, monkeypatch, name):
+    box, statue = (
+        sv.Instance(mesh=mesh, material=sv.Material(name="paint"))
+        for mesh in (sv.shapes.box(), sv.Mesh(*indexed(soup("plain", 60_000)), name="statue"))
+    )
+    rays = np.random.default_rng(1).normal(size=(2, 200, 3))
+    with sv.Device(rays="compute") as device, sv.RayTracer(device, scene := sv.Scene(box)) as tracer:
+        alone = tracer.trace(*rays)["t"]
+        scene.add(statue)
+        memory = device.memory
+        allocate = memory.allocate
+        with monkeypatch.context() as patch:
+
+            def fail(requirements, asked, **options):
+                if asked.startswith(name):
+                    memory.on_shortage()
+                    device.await_idle()
+                    memory._trim()
+                    patch.setattr(memory, "_heap_sizes", list(memory._heap_reserved))
+                return allocate(requirements, asked, **options)
+
+            patch.setattr(memory, "allocate", fail)
+            with pytest.raises(DeviceError, match=rf"^{name}: .*trees hold [\d,]+\).*simplify large meshes") as error:
+                tracer.trace(*rays)
+            assert "\n" not in str(error.value)
+        both = tracer.trace(*rays)["t"]
+        scene.remove(statue)
+        np.testing.assert_array_equal(tracer.trace(*rays)["t"], alone)
+        assert (both <= alone).all()
+        assert (both < alone).any()
+
+
+def test_a_mesh_of_too_many_triangles_is_refused(device):
+    count = tree_module.MAX_PRIMITIVES + 1
+    with pytest.raises(SolariError, match=r"^statue: a tree holds 268,435,456 .*, not 268,435,457: split it$"):
+        MeshTree(device, TriangleGeometry(16, 3, count, 16), "statue")
+
+
+def indexed(corners):
+    return corners.reshape(-1, 3), np.arange(3 * len(corners)).reshape(-1, 3)
 
 
 def binned_cost(corners):

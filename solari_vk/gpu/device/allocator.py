@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from bisect import bisect_left, insort
+from collections import Counter
 from collections.abc import Callable
 
 from solari_vk.base.errors import DeviceError
@@ -17,7 +18,12 @@ _CACHED = raw.VK_MEMORY_PROPERTY_HOST_CACHED_BIT
 
 
 class Allocation:
-    """A range of a block: `memory` and `offset` to bind, and a `char*` `pointer` to it, or None if it isn't mapped."""
+    """A range of a block: `memory` and `offset` to bind, and a `char*` `pointer` to it, or None if it isn't mapped.
+
+    use: what it counts for in `Allocator.bytes_by_use`.
+    """
+
+    use = ""
 
     def __init__(self, block: Block, offset: int, size: int) -> None:
         self.block = block
@@ -99,6 +105,8 @@ class Allocator:
         self._pools: dict[tuple[int, bool, bool], Pool] = {}
         self.allocation_count = 0
         self.bytes_used = 0
+        self.bytes_by_use: Counter[str] = Counter()
+        """Bytes of what errors name beside what they are about."""
         self.on_shortage: Callable[[], None] = lambda: None  # frees what is kept for later
 
     @property
@@ -106,7 +114,9 @@ class Allocator:
         """Bytes taken from the driver, used or not."""
         return sum(self._heap_reserved)
 
-    def allocate(self, requirements: raw.CData, name: str, *, host: bool, image: bool = False) -> Allocation:
+    def allocate(
+        self, requirements: raw.CData, name: str, *, host: bool, image: bool = False, use: str = ""
+    ) -> Allocation:
         """Memory for VkMemoryRequirements. Raises DeviceError naming the object when there is not enough."""
         pool = self._pool(self.choose_type(requirements.memoryTypeBits, name, host), host, image)
         size, alignment = int(requirements.size), int(requirements.alignment)
@@ -121,6 +131,8 @@ class Allocator:
             self._trim()
             allocation = self._allocate(pool, size, alignment, name)
         self.bytes_used += size
+        allocation.use = use
+        self.bytes_by_use[use] += size
         return allocation
 
     def free(self, allocation: Allocation) -> None:
@@ -128,6 +140,7 @@ class Allocator:
         block = allocation.block
         block.give(allocation.offset, allocation.size)
         self.bytes_used -= allocation.size
+        self.bytes_by_use[allocation.use] -= allocation.size
         # Each pool keeps one empty block of ordinary size: alternating creation and destruction costs no driver call.
         if block.empty:
             empty = [other for other in block.pool.blocks if other.empty and other.size <= BLOCK_SIZE]
@@ -185,7 +198,7 @@ class Allocator:
         if size > left:
             raise DeviceError(
                 f"{name}: {size:,} bytes of memory are needed, but of the device's {self._heap_sizes[heap]:,} only "
-                f"{left:,} are left: use a smaller scene or picture"
+                f"{left:,} are left{self._held()}: use a smaller scene or picture"
             )
         # Any buffer may be asked for its address, which its memory must allow from the start.
         flags = raw.struct("VkMemoryAllocateFlagsInfo", flags=raw.VK_MEMORY_ALLOCATE_DEVICE_ADDRESS_BIT)
@@ -194,7 +207,7 @@ class Allocator:
         try:
             device.vk.vkAllocateMemory(device.handle, info, raw.NULL, out)
         except DeviceError as error:
-            raise DeviceError(f"{name}: allocating {size:,} bytes failed: {error}") from error
+            raise DeviceError(f"{name}: allocating {size:,} bytes failed{self._held()}: {error}") from error
         memory = out[0]
         device.name_object("DeviceMemory", memory, f"memory type {pool.memory_type}, {size >> 20} MiB")
         # Mapped once for its whole life: a VkDeviceMemory can't be mapped twice, and its parts belong to many.
@@ -210,6 +223,10 @@ class Allocator:
         self.allocation_count += 1
         self._heap_reserved[heap] += size
         return Block(pool, memory, size, pointer, shared)
+
+    def _held(self) -> str:
+        held = [f"{use} hold {size:,}" for use, size in self.bytes_by_use.items() if use and size]
+        return f" ({', '.join(held)})" if held else ""
 
     def _free_block(self, block: Block) -> None:
         block.pool.blocks.remove(block)

@@ -27,7 +27,8 @@ BUFFER_USAGE = (
 class Storage:
     """`size` bytes behind a VkBuffer. Staging uses it as it is; `Buffer` adds uploads and reads.
 
-    host: put the bytes in memory that the host can always see. shared: see `WorkQueue.share`. `address` is the device
+    host: put the bytes in memory that the host can always see. shared: see `WorkQueue.share`. use: what
+    `Allocator.bytes_by_use` counts it for. `address` is the device
     address, or 0 without that usage. A size of 0 is allowed. Raises DeviceError beyond the device's limits.
     """
 
@@ -40,6 +41,7 @@ class Storage:
         host: bool = False,
         usage: int = BUFFER_USAGE,
         shared: bool = False,
+        use: str = "",
     ) -> None:
         self.device = device = memory.device
         self.size = int(size_bytes)
@@ -66,7 +68,7 @@ class Storage:
         with device.undone_on_error():
             # Registered before memory is bound, so that an error below destroys the buffer.
             self._token = device.register(destroy)
-            allocation = memory.allocate(requirements, f"buffer {name}", host=host)
+            allocation = memory.allocate(requirements, f"buffer {name}", host=host, use=use)
             device.vk.vkBindBufferMemory(device.handle, handle, allocation.memory, allocation.offset)
         if shared:
             device.share(self._token)

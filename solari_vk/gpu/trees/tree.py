@@ -12,7 +12,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from numpy.typing import NDArray
 
-from solari_vk.base.errors import SolariError
+from solari_vk.base.errors import DeviceError, SolariError
 from solari_vk.gpu.acceleration.geometry import TriangleGeometry
 from solari_vk.gpu.device import raw
 from solari_vk.gpu.device.barriers import full_barrier
@@ -50,6 +50,17 @@ BUILD_DTYPE = np.dtype(
 _kernels: WeakKeyDictionary[Device, dict[str, Kernel]] = WeakKeyDictionary()
 
 
+def _memory(device: Device, size: int, name: str) -> Buffer:
+    """Memory for trees, or to build them. Raises DeviceError with the remedy where there isn't enough."""
+    try:
+        return device.buffer(size, name, use="trees")
+    except DeviceError as error:
+        if device.lost or device.closed:
+            raise
+        each = f"{NODE_BYTES + TRIANGLE_BYTES} bytes a triangle, and {SCRATCH_BYTES} more while they are built"
+        raise DeviceError(f"{error}; trees take {each}: simplify large meshes, or split them") from error
+
+
 def tree_kernel(device: Device, name: str) -> Kernel:
     """The shader of this name in glsl/scene/trees/."""
     made = _kernels.setdefault(device, {})
@@ -70,7 +81,7 @@ class Tree:
         self.destroyed = False
         # Slot 0 is there for an empty tree too.
         self.slot_count = max(capacity, 1)
-        self.buffer: Buffer = device.buffer((NODE_BYTES + leaf_bytes) * self.slot_count, self.describe())
+        self.buffer = _memory(device, (NODE_BYTES + leaf_bytes) * self.slot_count, self.describe())
         self.address = self.buffer.address
 
     def describe(self) -> str:
@@ -183,7 +194,7 @@ class TreeBuilds:
         with device.undone_on_error():
             self._kernel = tree_kernel(device, "build")
             size = max(SCRATCH_BYTES * sum(counts), 16)
-            self._scratch = device.buffer(size, f"that builds the trees of {names or 'no mesh'}")
+            self._scratch = _memory(device, size, f"that builds trees of {names}")
             self._records = device.buffer(max(BUILD_DTYPE.itemsize * len(jobs), 16), "builds of trees")
             self._parts = device.buffer(max(parts.nbytes, 16), "parts of builds")
         clusters = self._scratch.address
