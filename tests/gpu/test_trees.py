@@ -427,14 +427,14 @@ def test_trees_are_as_good_as_binned_ones(device, kind, left, stage):
 
 BUGS = {
     "a box too small by one ulp": Bug(
-        "scene/trees/build.comp",
+        "scene/trees/clusters.glsl",
         "merge",
         "uint node = correct(first, second); vec3 high = build.clusters.at[node].high; "
         "build.clusters.at[node].high = uintBitsToFloat(floatBitsToUint(high) - 1u); return node;",
     ),
     "a leaf of one triangle less": Bug("scene/trees/build.comp", "reference_of", "return correct(child, place + 1u);"),
     "a chunk's last cluster is skipped": Bug(
-        "scene/trees/build.comp",
+        "scene/trees/clusters.glsl",
         "join_lists",
         "uint count = correct(halvings_before, chunk, halvings); return max(count, 2u) - 1u;",
     ),
@@ -444,7 +444,7 @@ BUGS = {
     "the first of two children goes on": Bug(
         "scene/trees/refit.comp", "other_child", "correct(slot, is_second, own_cost, other); return true;"
     ),
-    "the nearest is never found": Bug("scene/trees/build.comp", "nearest_cluster", "return place;"),
+    "the nearest is never found": Bug("scene/trees/clusters.glsl", "nearest_cluster", "return place;"),
 }
 
 
