@@ -59,6 +59,7 @@ FEATURES = (
     Feature("ALPHA", Instance, lambda instance: instance.alpha_mode != "opaque"),
     Feature("BLEND", Instance, lambda instance: instance.alpha_mode == "blend"),
     Feature("LARGE"),  # instances of LARGE_SIZE and more, which SceneRecords finds as it writes them
+    Feature("VAST"),  # those of VAST_SIZE and more, likewise; shaders don't ask
     Feature("VERTEX_COLORS", Mesh, lambda mesh: mesh.colors is not None),
     Feature("SMOOTH_NORMALS"),  # as Geometry finds when it packs a mesh
     Feature("SECOND_UVS", Texture, lambda texture: texture.uv_set > 0),
@@ -82,6 +83,9 @@ LARGE = "SCENE_LARGE"
 SMOOTH_NORMALS = "SCENE_SMOOTH_NORMALS"
 LARGE_SIZE = 100.0
 """In meters: the bits of barycentrics say where a point is on a triangle of that size to .01 mm."""
+VAST = "SCENE_VAST"
+VAST_SIZE = 1e5
+"""In meters: rasterizers clip triangles of that size too coarsely for what is seen from less than a meter away."""
 ABSORPTION = "SCENE_ABSORPTION"
 LOBES = frozenset(feature.constant for feature in FEATURES if feature.is_lobe)
 

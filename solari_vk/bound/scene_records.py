@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from solari_vk.base.errors import SolariError
 from solari_vk.bound.assets import Assets
 from solari_vk.bound.constants import NO_INDEX, WITHOUT_BLEND, WITHOUT_DISPERSION
-from solari_vk.bound.features import LARGE, LARGE_SIZE
+from solari_vk.bound.features import LARGE, LARGE_SIZE, VAST, VAST_SIZE
 from solari_vk.bound.geometry import DeviceMesh
 from solari_vk.bound.lights.emissive_meshes import Emission, Emissions
 from solari_vk.bound.lights.light_list import LightList, Position
@@ -405,10 +405,13 @@ class SceneRecords:
         )
 
     def use_scale(self, instance: Instance, scale: float) -> None:
-        """Add the feature of large instances if an instance is one at a scale."""
+        """Add the features of large instances that an instance has at a scale."""
         _, ray_mesh, _ = self._uses[instance]
-        if 2 * scale * float(self._geometry.half_sizes[ray_mesh].max()) >= LARGE_SIZE:
+        size = 2 * scale * float(self._geometry.half_sizes[ray_mesh].max())
+        if size >= LARGE_SIZE:
             self._assets.features.add(LARGE)
+        if size >= VAST_SIZE:
+            self._assets.features.add(VAST)
 
     def destroy(self) -> None:
         """Stop watching the scene, and free what is on the device but the assets."""

@@ -13,6 +13,7 @@ because those don't hide them, outside the frustum, and occluded. Their sum is t
 
 _DRAW_COUNT_BYTES = 4
 PROXIES = "SCENE_PROXIES"  # the feature of instances with a ray_mesh
+VAST = "SCENE_VAST"  # that of instances which are too large for rasterizers
 PREVIOUS_INSTANCES = "previous_instances"  # the rows stay valid when the table of instances grows
 
 
@@ -21,12 +22,14 @@ def chosen_method(
 ) -> str:
     """ "raster" or "traced". For "auto", what is faster on a device of this kind (`DeviceProperties.kind`), and raster
     where a scene with these features has meshes for rays alone, so that pictures show the others; traced for cameras
-    with a lens, since raster draws straight lines."""
+    with a lens, since raster draws straight lines, and else for instances too large for raster."""
     if method != "auto":
         return method
     if has_lens:
         return "traced"
-    return "raster" if device_kind == "cpu" or PROXIES in features else "traced"
+    if PROXIES in features:
+        return "raster"
+    return "raster" if device_kind == "cpu" and VAST not in features else "traced"
 
 
 def stage(

@@ -58,6 +58,14 @@ def test_shadows(device):
     check_shadows(device)
 
 
+def test_a_vast_ground_has_no_holes(device):
+    """Lavapipe's rasterizer loses a tenth of its pixels from nearby."""
+    scene = sv.Scene(sv.Camera.look_at((0.4, 0.4, 0.5), (0, 0, 0), fov=40))
+    scene.add(shapes.quad((0, 0, 0), (1e6, 0, 0), (0, 0, -1e6)), sv.Material(unlit=True))
+    with make_renderer(device, scene, (48, 48), passes=PATHS) as renderer:
+        assert (renderer.render()["raw_radiance"] > 0).all()
+
+
 @pytest.mark.parametrize("name", GROUNDS)
 def test_positions(device, name):
     """Rays meet the ground where they should, though barycentrics, and drivers' distances, have a step of a centimeter
