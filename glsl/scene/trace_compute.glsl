@@ -47,6 +47,15 @@ void prepare_triangles(inout TreeRay ray, vec3 direction) {
     ray.shear = vec3(d.xy * z, z);
 }
 
+// object_from_world: as trees have it, whose columns are the matrix's rows.
+void ray_in_object_space(
+    mat3x4 object_from_world, vec3 origin, vec3 direction, out precise vec3 from, out precise vec3 along
+) {
+    mat4x3 m = transpose(object_from_world);
+    from = ((m[3] + origin.x * m[0]) + origin.y * m[1]) + origin.z * m[2];
+    along = (direction.x * m[0] + direction.y * m[1]) + direction.z * m[2];
+}
+
 // Whether a ray meets a box within [t_min, t_max], and where. Rounds outwards: Ize, "Robust BVH Ray Traversal" (2013).
 bool meets_box(TreeRay ray, vec3 low, vec3 high, float t_min, float t_max, out float near) {
     vec3 a = (low - ray.origin) * ray.inverse, b = (high - ray.origin) * ray.inverse;
@@ -81,6 +90,29 @@ bool meets_triangle(TreeRay ray, TreeTriangle triangle, out vec3 found, out bool
     return true;
 }
 
+// A hit in the flat tree as the tree of its mesh would give it, so that hits don't depend on which tree an instance is
+// in: in world space, vertices and with them t are rounded otherwise.
+Hit hit_in_object_space(Hit hit, mat3x4 object_from_world, vec3 origin, vec3 direction) {
+    Mesh mesh = meshes.at[instances.at[hit.instance].ray_mesh];
+    uvec3 vertices = mesh.triangles.at[hit.triangle];
+    TreeTriangle triangle;
+    triangle.a = mesh.positions.at[vertices.x];
+    triangle.b = mesh.positions.at[vertices.y];
+    triangle.c = mesh.positions.at[vertices.z];
+    vec3 from, along, found;
+    ray_in_object_space(object_from_world, origin, direction, from, along);
+    TreeRay ray = make_tree_ray(from, along);
+    prepare_triangles(ray, along);
+    bool front_face;
+    // A ray that meets the triangle's edge may miss it by rounding.
+    if (meets_triangle(ray, triangle, found, front_face)) {
+        hit.t = found.x;
+        hit.barycentrics = found.yz;
+        hit.front_face = front_face;
+    }
+    return hit;
+}
+
 // The closest hit of a ray, or the first that is found with TRACE_ANY_HIT. is_shadow: `through` becomes what blended
 // surfaces on the way let through, in place of deciding at random which of them the ray passes.
 Hit traverse(
@@ -95,7 +127,10 @@ Hit traverse(
     TreeRay ray = make_tree_ray(origin, direction);
     uvec2 nodes = structure;
     uvec2 instances_behind = leaves_behind(structure, TreeNodes(structure).at[0].slot_count);
-    TreeInstance instance;
+    uvec2 slots = slots_behind(instances_behind, TreeNodes(structure).at[0].slot_count);
+    uvec2 triangles;  // of the tree that the ray is in
+    uint tree_row, tree_flags;
+    uint hit_slot = NO_INDEX;  // of the closest hit, if it is in the flat tree
     bool in_mesh = false;
     uint next = TreeNodes(nodes).at[0].first;
     if (next == NO_ROOT) { return hit; }
@@ -122,18 +157,20 @@ Hit traverse(
             nodes = structure;
             in_mesh = false;
         } else if (!in_mesh) {
-            instance = TreeInstances(instances_behind).at[next & LEAF_FIRST_MASK];
+            TreeInstance instance = TreeInstances(instances_behind).at[next & LEAF_FIRST_MASK];
             if ((instance.mask & mask) != 0u) {
-                precise vec3 from, along;
-                for (uint axis = 0u; axis < 3u; axis++) {
-                    vec4 row = instance.object_from_world[axis];
-                    from[axis] = ((row.w + origin.x * row.x) + origin.y * row.y) + origin.z * row.z;
-                    along[axis] = (direction.x * row.x + direction.y * row.y) + direction.z * row.z;
+                vec3 along = direction;
+                if (instance.row != NO_ROW) {
+                    vec3 from;
+                    ray_in_object_space(instance.object_from_world, origin, direction, from, along);
+                    ray = make_tree_ray(from, along);
                 }
-                ray = make_tree_ray(from, along);
                 prepare_triangles(ray, along);
                 stack[top++] = MESH_ENDS;
                 nodes = instance.nodes;
+                triangles = instance.triangles;
+                tree_row = instance.row;
+                tree_flags = instance.flags;
                 in_mesh = true;
                 next = TreeNodes(nodes).at[0].first;
                 continue;
@@ -142,38 +179,48 @@ Hit traverse(
             uint begin = next & LEAF_FIRST_MASK;
             uint end = begin + ((next & ~LEAF) >> LEAF_COUNT_SHIFT) + 1u;
             for (uint place = begin; place < end; place++) {
-                TreeTriangle triangle = TreeTriangles(instance.triangles).at[place];
+                TreeTriangle triangle = TreeTriangles(triangles).at[place];
                 vec3 found;
                 bool front_face;
                 if (!meets_triangle(ray, triangle, found, front_face)) { continue; }
                 if (!(found.x > t_min && found.x < t_max)) { continue; }
-                bool hides_back = (instance.flags & FACING_CULL_DISABLE) == 0u;
+                uint row = tree_row, instance_flags = tree_flags, slot = NO_INDEX;
+                if (row == NO_ROW) {
+                    slot = triangle.slot;
+                    if ((TreeSlots(slots).at[slot].mask & mask) == 0u) { continue; }
+                    row = TreeSlots(slots).at[slot].row;
+                    instance_flags = TreeSlots(slots).at[slot].flags;
+                    front_face = front_face != ((instance_flags & IS_MIRRORED) != 0u);
+                }
+                bool hides_back = (instance_flags & FACING_CULL_DISABLE) == 0u;
                 if (flags == TRACE_FRONT_FACES && hides_back && !front_face) { continue; }
-                if (SCENE_ALPHA && (instance.flags & FORCE_NO_OPAQUE) != 0u) {
+                if (SCENE_ALPHA && (instance_flags & FORCE_NO_OPAQUE) != 0u) {
                     vec4 filter_opacity = resolve_filter_opacity(
-                        instance.row, triangle.number, found.yz, direction, flags == TRACE_FRONT_FACES
+                        row, triangle.number, found.yz, direction, flags == TRACE_FRONT_FACES
                     );
                     if (is_shadow) {
                         if (filter_opacity.w < 1.0) {
                             if (SCENE_BLEND) {
                                 attenuate_by_surface(
-                                    through, passed_edges, filter_opacity, instance.row, triangle.number, found.yz
+                                    through, passed_edges, filter_opacity, row, triangle.number, found.yz
                                 );
                             }
                             continue;
                         }
-                    } else if (!accepts_hit(filter_opacity.w, alpha_seed, instance.row, triangle.number, found.yz)) {
+                    } else if (!accepts_hit(filter_opacity.w, alpha_seed, row, triangle.number, found.yz)) {
                         continue;
                     }
                 }
-                hit = Hit(found.x, instance.row, triangle.number, found.yz, front_face);
+                hit = Hit(found.x, row, triangle.number, found.yz, front_face);
                 if (flags == TRACE_ANY_HIT) { return hit; }
+                hit_slot = slot;
                 t_max = found.x;
             }
         }
         next = stack[--top];
     }
-    return hit;
+    if (hit_slot == NO_INDEX) { return hit; }
+    return hit_in_object_space(hit, TreeSlots(slots).at[hit_slot].object_from_world, origin, direction);
 }
 
 Hit trace_closest_hit(vec3 origin, float t_min, vec3 direction, float t_max, uint flags, uvec2 alpha_seed) {

@@ -27,7 +27,7 @@ class WorldStructures:
         self._shown: list[int] = []  # what `addresses` holds
         self._structures: Sequence[SceneStructure] = ()
         self._builds: Any = None
-        self._built: tuple[int, Sequence[int]] = (0, ())  # N and the worlds' counts that `_builds` has
+        self._built: tuple[int, Sequence[int], Any] = (0, (), None)  # N, the counts and the flat tree of `_builds`
 
     def set_addresses(self, addresses: list[int]) -> None:
         """Have shaders traverse the structures at these addresses, two for each world."""
@@ -35,15 +35,16 @@ class WorldStructures:
             self._shown = addresses
             self.addresses.upload(np.array(addresses, np.uint64))
 
-    def prepare(self, records: NDArray[Any], counts: Sequence[int]) -> None:
-        """Upload the records (worlds, N) that `build` builds from. counts: how many of them each world has."""
+    def prepare(self, records: NDArray[Any], counts: Sequence[int], flat_tree: Any) -> None:
+        """Upload the records (worlds, N) that `build` builds from. counts: how many of them each world has. flat_tree:
+        that of the scene, if it has one."""
         buffer = uploaded(self._device, self.records, records, "tlas_instances")
         # A build that is prepared once can be submitted in each frame.
-        wanted = records.shape[1], counts
+        wanted = records.shape[1], counts, flat_tree
         if buffer is not self.records or self._builds is None or self._built != wanted:
             self.records = buffer
             self._built = wanted
-            self._make_builds(buffer, records.shape[1], counts)
+            self._make_builds(buffer, *wanted)
 
     def build(self) -> None:
         """Have the next submission build all structures. Worlds keep no structure of the previous frame: shaders that
@@ -52,18 +53,20 @@ class WorldStructures:
         self._builds.submit()
         self.set_addresses([structure.address for structure in self._structures for _ in ("now", "previous")])
 
-    def _make_builds(self, records: Buffer, stride: int, counts: Sequence[int]) -> None:
+    def _make_builds(self, records: Buffer, stride: int, counts: Sequence[int], flat_tree: Any) -> None:
         if self._builds is not None:
             self._builds.destroy()
             self._builds = None
         before: Sequence[SceneStructure | None] = self._structures or [None] * self._count
         with self._device.undone_on_error():
-            after = [self._structure(*each) for each in zip(before, range(self._count), counts, strict=True)]
+            slots = 0 if flat_tree is None else flat_tree.instance_count
+            room = [max(count, slots) for count in counts]
+            after = [self._structure(*each) for each in zip(before, range(self._count), room, strict=True)]
         for old, new in zip(before, after, strict=True):
             if old is not None and old is not new:
                 old.destroy()
         self._structures = after
-        self._builds = scene_builds(after, records.address, stride, counts)
+        self._builds = scene_builds(after, records.address, stride, counts, flat_tree)
 
     def _structure(self, before: SceneStructure | None, world: int, count: int) -> SceneStructure:
         """The structure that a world has, or a new one where that is too small, or much too large."""

@@ -22,6 +22,7 @@ from solari_vk.batch.world_lights import SharedList, WorldLightLists, WorldLight
 from solari_vk.batch.world_structures import WorldStructures, uploaded
 from solari_vk.bound.binder import SceneBinder
 from solari_vk.bound.scene_records import MAX_INSTANCES, SceneRecords
+from solari_vk.bound.traced_instances import SLOT_MASK
 from solari_vk.gpu.acceleration.tlas import INSTANCE_DTYPE
 from solari_vk.gpu.device.buffer import Buffer
 from solari_vk.gpu.device.device import Device
@@ -281,7 +282,9 @@ class Worlds:
         counts = np.zeros(self.count, np.int64)
         for records, worlds in self._worlds_of.items():
             counts[worlds] = records.traced.count
-        self._structures.prepare(self._traced, tuple(counts.tolist()))
+        tlas = self._binder.tlas
+        flat_tree = None if tlas is None else tlas.flat_tree
+        self._structures.prepare(self._traced, tuple(counts.tolist()), flat_tree)
         self._build(differing, differing)
 
     def _make_arrays(self, most: int) -> None:
@@ -316,6 +319,9 @@ class Worlds:
         records = self._binder.records
         row = records.instance_rows[instance]
         place = records.traced.record_index(row)
+        if override.transforms is not None:
+            # It isn't where the flat tree has it.
+            self._traced["sbt_offset_and_flags"][:, place] &= ~SLOT_MASK
         if override.transforms is not None and not isinstance(override.transforms, DeviceTensor):
             placed = override.transforms[:, :3].copy()
             self._binder.use_scale(instance, float(np.linalg.norm(placed[..., :3], axis=1).max()))

@@ -401,7 +401,8 @@ class SceneRecords:
             visible,
             material.hides_back,
             alpha_mode,
-            self._geometry.blases[ray_mesh].address,
+            ray_mesh,
+            self._geometry.blases[ray_mesh],
         )
 
     def use_scale(self, instance: Instance, scale: float) -> None:

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from solari_vk.bound.constants import BLENDED_MASK, SCENE_MASK
+from solari_vk.bound.flat_instances import FlatInstances, Placed
 from solari_vk.bound.spatial_order import spatial_order
 from solari_vk.bound.table import MakeTable
 from solari_vk.gpu.acceleration.tlas import INSTANCE_DTYPE
@@ -16,6 +17,7 @@ from solari_vk.gpu.device import raw
 from solari_vk.gpu.device.buffer import Buffer
 from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.structures import SceneStructure, scene_build, scene_copy, scene_structure, traces_by_compute
+from solari_vk.gpu.trees.tree import FlatTree
 
 # The bits of custom_index_and_mask above the index. HIDDEN isn't 0, because Mesa 26.2 loses other instances where a
 # mask is 0 (docs/driver_faults.md).
@@ -24,6 +26,8 @@ BLENDED = SCENE_MASK << 24
 HIDDEN = 0x80 << 24
 NO_OPAQUE = raw.VK_GEOMETRY_INSTANCE_FORCE_NO_OPAQUE_BIT_KHR << 24
 NO_CULLING = raw.VK_GEOMETRY_INSTANCE_TRIANGLE_FACING_CULL_DISABLE_BIT_KHR << 24
+# The bits of sbt_offset_and_flags below the flags: one more than the slot of an instance in the flat tree, or 0.
+SLOT_MASK = np.uint32((1 << 24) - 1)
 # The fields that `write` sets, in order.
 RECORD = ("transform", "custom_index_and_mask", "sbt_offset_and_flags", "blas_address")
 # So few written records need no new order.
@@ -54,6 +58,8 @@ class TracedRecords:
     def __init__(self, table: MakeTable) -> None:
         self.table = table("tlas_instances", INSTANCE_DTYPE, RECORD)
         self.count = 0
+        self.flat: FlatInstances | None = None
+        """Which of the instances are in one tree, where rays are traced by compute."""
         self._indices: dict[int, int] = {}  # index of the record of each row
         self._mesh_boxes: dict[int, Box] = {}
         self._end = 0  # number of records, including those of removed rows
@@ -68,9 +74,11 @@ class TracedRecords:
         visible: bool,
         hides_back: bool,
         alpha_mode: str,
-        address: int,
+        mesh: Any,
+        structure: Any,
     ) -> None:
-        """Set a row: world from object (12 numbers, row by row), the mesh's bounds, and its BLAS's address."""
+        """Set a row: world from object (12 numbers, row by row), the mesh's bounds, the mesh in its pose, and its
+        structure."""
         index = self._indices.get(row)
         if index is None:
             index = self._indices[row] = self._end
@@ -80,13 +88,21 @@ class TracedRecords:
         self._mesh_boxes[row] = box
         self._moved += 1
         # By default Vulkan's front faces are glTF's: counter-clockwise in object space, for mirrored instances too.
-        self.table.set(index, *transform, row | mask_of(visible, alpha_mode), flags_of(hides_back, alpha_mode), address)
+        flags = flags_of(hides_back, alpha_mode)
+        if self.flat is not None:
+            geometry = structure.geometry
+            joins = visible and alpha_mode == "opaque" and not structure.moves
+            placed = Placed(tuple(transform), mesh, geometry.positions, geometry.triangle_count, joins)
+            flags |= self.flat.place(row, placed)
+        self.table.set(index, *transform, row | mask_of(visible, alpha_mode), flags, structure.address)
 
     def remove(self, row: int) -> None:
         """Remove a row."""
         self._indices.pop(row, None)
         self._mesh_boxes.pop(row, None)
         self._sorted = False
+        if self.flat is not None:
+            self.flat.remove(row)
 
     def record_index(self, row: int) -> int:
         """The index of a row's record in `table`."""
@@ -128,11 +144,23 @@ class TracedRecords:
         self._moved = 0
         return True
 
+    def write_slots(self) -> None:
+        """Write where all instances are in the flat tree."""
+        assert self.flat is not None
+        flags = self.table.records["sbt_offset_and_flags"]
+        flags &= ~SLOT_MASK
+        for row, slot in self.flat.slots.items():
+            flags[self._indices[row]] |= slot + 1
+        self.table.mark(range(self.count))
+
 
 class SceneTlas:
-    """The top-level acceleration structure over a scene's records, and a copy of it for motion through past frames."""
+    """The top-level acceleration structure over a scene's records, and a copy of it for motion through past frames.
 
-    def __init__(self, device: Device, traced: TracedRecords) -> None:
+    orders: of the triangles of each mesh, as they are on the device.
+    """
+
+    def __init__(self, device: Device, traced: TracedRecords, orders: Mapping[Any, Any]) -> None:
         self.current = scene_structure(device, 16, "scene")
         self.previous: SceneStructure | None = None
         """The structure as it was in the previous frame, while it is kept."""
@@ -140,12 +168,16 @@ class SceneTlas:
         self._traced = traced
         self._rebuild = True
         self._build: Any = None
-        self._built_for: tuple[SceneStructure, Buffer, int] | None = None  # what `_build` writes and reads
+        self._built_for: tuple[Any, ...] | None = None  # what `_build` writes and reads
         self._copy: Any = None
         self._previous_differs = False
         self._addresses: Buffer | None = None  # of both, for shaders that traverse trees
         self._shown: tuple[int, ...] = ()  # what `_addresses` holds
+        self._orders = orders
+        self._replaced: FlatTree | None = None  # the flat tree that `current` had before its next build
+        self._of_previous: FlatTree | None = None  # that of `previous`, if `current` has another one
         if traces_by_compute(device):
+            traced.flat = FlatInstances(device)
             self._addresses = device.buffer(16, "world_structures")
 
     @property
@@ -159,6 +191,11 @@ class SceneTlas:
             self._addresses.upload(np.array(addresses, np.uint64))
             self._shown = addresses
         return {"world_structures": self._addresses}
+
+    @property
+    def flat_tree(self) -> FlatTree | None:
+        """The tree over instances that never moved, if there is one."""
+        return None if self._traced.flat is None else self._traced.flat.tree
 
     def keep_previous(self, needed: bool) -> bool:
         """Keep the structure of the previous frame from now on, or free it; returns whether `previous` is another."""
@@ -175,6 +212,13 @@ class SceneTlas:
     def make_room(self) -> bool:
         """Sort the records if needed; returns whether the structure was replaced by a larger one."""
         self._rebuild |= self._traced.sort() or bool(self._traced.table.marked)
+        flat = self._traced.flat
+        if flat is not None and flat.is_outdated:
+            replaced = self.flat_tree
+            flat.build(self._orders)
+            self._replaced = self._replaced or replaced
+            self._traced.write_slots()
+            self._rebuild = True
         count = self._traced.count
         if count <= self.current.max_instances:
             return False
@@ -208,6 +252,17 @@ class SceneTlas:
             if not keeps:
                 self._copy_to_previous()
             self._previous_differs = keeps
+            self._free_flat_trees(keeps)
+
+    def _free_flat_trees(self, keeps: bool) -> None:
+        """Free those that neither structure has any more. keeps: `previous` is `current` before its latest build."""
+        if self._of_previous is not None:
+            self._of_previous.destroy()
+        self._of_previous = self._replaced
+        self._replaced = None
+        if self._of_previous is not None and not keeps:
+            self._of_previous.destroy()
+            self._of_previous = None
 
     def _copy_to_previous(self) -> None:
         if self.previous is None:
@@ -224,16 +279,17 @@ class SceneTlas:
         # A build is prepared once, and submitted again as long as it reads and writes the same memory. A buffer may
         # have the address of one that is gone.
         buffer = self._traced.table.buffer
-        needed = self.current, buffer, self._traced.count
+        needed = self.current, buffer, self._traced.count, self.flat_tree
         if self._build is None or self._built_for != needed:
             old = self._build
-            self._build = scene_build(self.current, buffer.address, self._traced.count)
+            self._build = scene_build(self.current, buffer.address, self._traced.count, self.flat_tree)
             self._built_for = needed
             if old is not None:
                 old.destroy()
         self._build.submit()
 
     def destroy(self) -> None:
-        for made in (self._build, self._copy, self.previous, self.current, self._addresses):
+        owned = self._build, self._copy, self.previous, self.current, self._addresses
+        for made in (*owned, self.flat_tree, self._replaced, self._of_previous):
             if made is not None:
                 made.destroy()

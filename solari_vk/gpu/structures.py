@@ -46,19 +46,23 @@ def scene_structure(device: Device, max_instances: int, name: str) -> SceneStruc
     return Tlas(device, max_instances, name=name)
 
 
-def scene_build(structure: Any, instances: int, count: int) -> TlasBuild | trees.SceneBuild:
-    """Its build over `count` records at an address, which can be submitted again and again."""
+def scene_build(
+    structure: Any, instances: int, count: int, flat_tree: trees.FlatTree | None
+) -> TlasBuild | trees.SceneBuild:
+    """Its build over `count` records at an address, which can be submitted again and again. flat_tree: that of
+    instances that never moved, of devices that trace by compute."""
     if traces_by_compute(structure.device):
-        return trees.SceneBuild(structure, instances, count)
+        return trees.SceneBuild(structure, instances, count, flat_tree)
     return TlasBuild(structure, instances, count)
 
 
 def scene_builds(
-    structures: Sequence[Any], instances: int, stride: int, counts: Sequence[int]
+    structures: Sequence[Any], instances: int, stride: int, counts: Sequence[int], flat_tree: trees.FlatTree | None
 ) -> TlasBuilds | trees.SceneBuilds:
-    """The builds of several structures in one step, as `TlasBuilds`."""
-    kind = trees.SceneBuilds if traces_by_compute(structures[0].device) else TlasBuilds
-    return kind(structures, instances, stride, counts)
+    """The builds of several structures in one step, as `TlasBuilds`. flat_tree: as `scene_build`, of all."""
+    if traces_by_compute(structures[0].device):
+        return trees.SceneBuilds(structures, instances, stride, counts, flat_tree)
+    return TlasBuilds(structures, instances, stride, counts)
 
 
 def scene_copy(source: Any, target: Any) -> TlasCopy | trees.SceneCopy:

@@ -21,7 +21,7 @@ from solari_vk.gpu.trees.tree import NODE_BYTES, MeshTree, SceneBuild, SceneTree
 
 LEAF = 1 << 31
 LEAF_FIRST = (1 << 28) - 1
-MAX_HEIGHT = 32
+MAX_HEIGHT = 48
 NODE_COST = 1.2
 
 

@@ -10,7 +10,7 @@
 //
 // The host gives all memory by address and puts barriers around each dispatch.
 #version 460
-#include "scene/trees/making.glsl"
+#include "scene/trees/primitives.glsl"
 
 layout(local_size_x = 256) in;
 
@@ -19,54 +19,6 @@ const uint MAX_ROUNDS = 48u;          // in which the nearest are looked for
 const uint UNHITTABLE = 0xFFFFFFFFu;  // Cluster.parent of primitives that no ray can hit
 const uint IS_LEAF = 1u << 31;        // in Cluster.size: all of the subtree becomes one leaf
 const uint WRITING_STAGE = 0xFFFFFFFFu;
-
-// VkAccelerationStructureInstanceKHR.
-struct InstanceRecord {
-    vec4 world_from_object[3];  // rows
-    uint row_and_mask;
-    uint flags;                 // above 24 bits of an offset
-    uvec2 mesh_tree;
-};
-
-layout(buffer_reference, scalar, buffer_reference_align = 16) readonly buffer InstanceRecords { InstanceRecord at[]; };
-
-// A subtree while the tree grows. Primitives are the first ones, by their numbers; the nodes above them follow. Their
-// numbers don't depend on the order of threads: each cluster without a parent holds the number of a primitive below it
-// that no other one holds. A new node stands at the number of its second child, behind all primitives, and goes on to
-// hold that of its first.
-struct Cluster {
-    vec3 low;
-    uint first;   // child
-    vec3 high;
-    uint second;
-    float cost;   // of the surface area heuristic, times the root's area
-    uint size;    // primitives
-    uint parent;  // or below build.count, while there is none, the number that the cluster holds
-    uint height;  // nodes on the longest path to a leaf
-};
-
-layout(buffer_reference, scalar, buffer_reference_align = 16) coherent buffer Clusters { Cluster at[]; };
-layout(buffer_reference, scalar, buffer_reference_align = 4) coherent buffer List { uint at[]; };
-layout(buffer_reference, scalar, buffer_reference_align = 16) writeonly buffer MadeNodes { TreeNode at[]; };
-layout(buffer_reference, scalar, buffer_reference_align = 16) writeonly buffer MadeTriangles { TreeTriangle at[]; };
-layout(buffer_reference, scalar, buffer_reference_align = 16) writeonly buffer MadeInstances { TreeInstance at[]; };
-
-struct TreeBuild {
-    Corners corners;            // of a mesh
-    Indices indices;
-    InstanceRecords instances;  // or of a scene
-    uvec2 nodes;                // what is made: slot_count nodes, then the leaves
-    Clusters clusters;          // scratch: 2 * count
-    List lists;                 // scratch: 3 * count
-    uint count;                 // of triangles or instances
-    uint slot_count;
-    uint is_of_instances;
-    uint keeps_all;             // triangles that no ray can hit too, since they may move
-    uint halvings;              // of all primitives into chunks
-    uint unused;
-};
-
-layout(buffer_reference, scalar, buffer_reference_align = 8) readonly buffer TreeBuilds { TreeBuild at[]; };
 
 layout(push_constant, scalar) uniform Work {
     TreeBuilds builds;
@@ -78,7 +30,6 @@ layout(push_constant, scalar) uniform Work {
 
 shared uint sums[THREADS];
 
-TreeBuild build;
 uint thread;
 // The primitives of this workgroup's chunk: [chunk_begin, chunk_end). Its lists have the same place among all.
 uint chunk_begin;
@@ -133,98 +84,6 @@ void find_chunk(uint halvings, uint number, out uint begin, out uint end) {
 
 // How often a number must be halved, rounded up, to become 1.
 uint halvings_to_one(uint count) { return count > 1u ? uint(findMSB(count - 1u)) + 1u : 0u; }
-
-// ---- primitives -------------------------------------------------------------------------------------
-
-uint slots_of(uvec2 tree) { return TreeNodes(tree).at[0].slot_count; }
-
-// Returns whether rays can hit a triangle.
-bool triangle_box(uint number, out vec3 low, out vec3 high) {
-    uvec3 corners = build.indices.at[number];
-    vec3 a = build.corners.at[corners.x], b = build.corners.at[corners.y], c = build.corners.at[corners.z];
-    low = min(min(a, b), c);
-    high = max(max(a, b), c);
-    bool finite = is_finite(a) && is_finite(b) && is_finite(c);
-    if (!finite) { low = high = vec3(0.0); }
-    return finite || build.keeps_all != 0u;
-}
-
-// The inverse by the steps by which Mesa's software device inverts the transforms of its instances, so that hits by
-// compute are bit by bit those of ray queries: Gaussian elimination of the transposed matrix, where pivots come up by
-// swaps of neighbors, and substitution from the last row.
-mat4 inverse_by_elimination(mat4 matrix) {
-    precise mat4 left = matrix, right = mat4(1.0);  // a column here is a row there
-    for (int pivot = 0; pivot < 4; pivot++) {
-        for (int row = 3; row > pivot; row--) {
-            if (abs(left[row][pivot]) <= abs(left[row - 1][pivot])) { continue; }
-            vec4 below = left[row], beside = right[row];
-            left[row] = left[row - 1];
-            right[row] = right[row - 1];
-            left[row - 1] = below;
-            right[row - 1] = beside;
-        }
-        for (int row = pivot + 1; row < 4; row++) {
-            precise float factor = left[row][pivot] / left[pivot][pivot];
-            left[row] -= factor * left[pivot];
-            right[row] -= factor * right[pivot];
-        }
-    }
-    for (int row = 3; row >= 0; row--) {
-        right[row] *= 1.0 / left[row][row];
-        for (int above = 0; above < row; above++) { right[above] -= right[row] * left[above][row]; }
-    }
-    return right;
-}
-
-mat4 object_from_world(InstanceRecord record) {
-    vec4 rows[3] = record.world_from_object;
-    return inverse_by_elimination(transpose(mat4(rows[0], rows[1], rows[2], vec4(0.0, 0.0, 0.0, 1.0))));
-}
-
-// Returns whether rays can hit an instance: one without a mesh they can't, nor one whose mesh has no triangles.
-bool instance_box(uint number, out vec3 low, out vec3 high) {
-    InstanceRecord record = build.instances.at[number];
-    low = high = vec3(0.0);
-    if (record.mesh_tree == uvec2(0u) || record.row_and_mask >> 24u == 0u) { return false; }
-    TreeNode entrance = TreeNodes(record.mesh_tree).at[0];
-    if (entrance.first == NO_ROOT) { return false; }
-    // The box around a turned box: Arvo, "Transforming Axis-Aligned Bounding Boxes" (1990).
-    vec3 center = 0.5 * entrance.first_low + 0.5 * entrance.first_high;
-    vec3 half_size = entrance.first_high - center;
-    for (uint axis = 0u; axis < 3u; axis++) {
-        vec4 row = record.world_from_object[axis];
-        float middle = dot(row.xyz, center) + row.w;
-        float reach = dot(abs(row.xyz), half_size);
-        // Rays are traced in the mesh's own space, from which these numbers differ by rounding.
-        reach += 16.0 * ROUNDING_UNIT * (dot(abs(row.xyz), abs(center)) + abs(row.w) + reach);
-        low[axis] = middle - reach;
-        high[axis] = middle + reach;
-    }
-    mat4 inverted = object_from_world(record);
-    bool is_invertible = is_finite(inverted[0].xyz) && is_finite(inverted[1].xyz) && is_finite(inverted[2].xyz);
-    return is_finite(low) && is_finite(high) && is_invertible;
-}
-
-void write_triangle(uint place, uint number) {
-    uvec3 corners = build.indices.at[number];
-    MadeTriangles(leaves_behind(build.nodes, build.slot_count)).at[place] = TreeTriangle(
-        build.corners.at[corners.x], number, build.corners.at[corners.y], 0u, build.corners.at[corners.z], 0u
-    );
-}
-
-void write_instance(uint place, uint number) {
-    InstanceRecord record = build.instances.at[number];
-    mat4 by_rows = transpose(object_from_world(record));
-    TreeInstance made;
-    for (uint axis = 0u; axis < 3u; axis++) { made.object_from_world[axis] = by_rows[axis]; }
-    made.nodes = record.mesh_tree;
-    made.triangles = leaves_behind(record.mesh_tree, slots_of(record.mesh_tree));
-    made.row = record.row_and_mask & 0xFFFFFFu;
-    made.mask = record.row_and_mask >> 24u;
-    made.flags = record.flags >> 24u;
-    made.unused = 0u;
-    MadeInstances(leaves_behind(build.nodes, build.slot_count)).at[place] = made;
-}
 
 #include "scene/trees/clusters.glsl"
 

@@ -20,6 +20,7 @@ uint make_clusters() {
         made.parent = hittable ? number : UNHITTABLE;
         made.height = 0u;
         build.clusters.at[number] = made;
+        if (build.is_of_instances != 0u) { write_slot(number); }
         found += hittable ? 1u : 0u;
     }
     uint total;

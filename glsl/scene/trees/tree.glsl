@@ -1,6 +1,6 @@
 // Trees of boxes that rays traverse without the driver's acceleration structures: one over the triangles of each mesh,
-// and one over instances above them. solari_vk/gpu/trees/ makes their memory, build.comp builds them, and
-// scene/trace_compute.glsl traverses them.
+// one over those of all instances that never moved, in world space ("flat"), and one over instances above them.
+// solari_vk/gpu/trees/ makes their memory, build.comp builds them, and scene/trace_compute.glsl traverses them.
 #ifndef SCENE_TREES_TREE_GLSL
 #define SCENE_TREES_TREE_GLSL
 
@@ -30,32 +30,46 @@ const uint LEAF_FIRST_MASK = (1u << LEAF_COUNT_SHIFT) - 1u;
 const uint MAX_LEAF_TRIANGLES = 4u;
 const uint NO_ROOT = 0u;
 // No path from a root to a leaf has more nodes.
-const uint MAX_TREE_HEIGHT = 32u;
+const uint MAX_TREE_HEIGHT = 48u;
 
 struct TreeTriangle {
     vec3 a;
     uint number;  // of the triangle in the mesh
     vec3 b;
-    uint unused_1;
+    uint slot;    // in a flat tree: of the instance, into the TreeSlots of the tree above
     vec3 c;
-    uint unused_2;
+    uint unused;
 };
 
 struct TreeInstance {
-    vec4 object_from_world[3];  // rows
+    mat3x4 object_from_world;   // its columns are rows
     uvec2 nodes;                // of the mesh's tree
     uvec2 triangles;
-    uint row;                   // into `instances`
+    uint row;                   // into `instances`; NO_ROW: this is the flat tree
     uint mask;
     uint flags;                 // VkGeometryInstanceFlagsKHR
     uint unused;
 };
 
+const uint NO_ROW = 0xFFFFFFFFu;
+
+// An instance whose triangles are in the flat tree.
+struct TreeSlot {
+    mat3x4 object_from_world;   // its columns are rows
+    uint row;
+    uint mask;                  // 0: no such instance any more
+    uint flags;                 // and IS_MIRRORED
+    uint unused;
+};
+
+const uint IS_MIRRORED = 1u << 8u;  // above VkGeometryInstanceFlagsKHR
+
 layout(buffer_reference, scalar, buffer_reference_align = 16) readonly buffer TreeNodes { TreeNode at[]; };
 layout(buffer_reference, scalar, buffer_reference_align = 16) readonly buffer TreeTriangles { TreeTriangle at[]; };
 layout(buffer_reference, scalar, buffer_reference_align = 16) readonly buffer TreeInstances { TreeInstance at[]; };
+layout(buffer_reference, scalar, buffer_reference_align = 16) readonly buffer TreeSlots { TreeSlot at[]; };
 
-const uint TREE_NODE_BYTES = 64u;
+const uint TREE_INSTANCE_BYTES = 80u;
 
 // The address that lies `bytes` behind another.
 uvec2 address_behind(uvec2 address, uint bytes) {
@@ -70,5 +84,8 @@ uvec2 leaves_behind(uvec2 nodes, uint slot_count) {
     uvec2 carried = address_behind(nodes, slot_count << 6u);
     return uvec2(carried.x, carried.y + (slot_count >> 26u));
 }
+
+// Where the slots of a tree over instances begin, of which it has no more than 2^24.
+uvec2 slots_behind(uvec2 leaves, uint slot_count) { return address_behind(leaves, slot_count * TREE_INSTANCE_BYTES); }
 
 #endif

@@ -25,6 +25,9 @@ from solari_vk.gpu.frame.kernel import Kernel
 NODE_BYTES = 64
 TRIANGLE_BYTES = 48
 INSTANCE_BYTES = 80
+SLOT_BYTES = 64
+TAG_DTYPE = np.dtype([("number", "<u4"), ("slot", "<u4")])
+"""TriangleTags of build.comp."""
 CLUSTER_BYTES = 48
 PLACE_BYTES = 4
 # Scratch for each primitive: the primitive itself and a node above it, and a place in three lists.
@@ -42,7 +45,7 @@ STAGE_HALVINGS = 5
 WRITING_STAGE = 0xFFFFFFFF
 PART_BYTES = 8
 BUILD_DTYPE = np.dtype(
-    [(name, "<u8") for name in ("corners", "indices", "instances", "nodes", "clusters", "lists")]
+    [(name, "<u8") for name in ("corners", "indices", "tags", "instances", "flat_tree", "nodes", "clusters", "lists")]
     + [(name, "<u4") for name in ("count", "slot_count", "is_of_instances", "keeps_all", "halvings", "unused")]
 )
 """TreeBuild of build.comp."""
@@ -137,12 +140,37 @@ class MeshTree(Tree):
         }
 
 
+class FlatTree(MeshTree):
+    """A tree over the triangles of several instances in world space.
+
+    tags: the address of a TAG_DTYPE record of each triangle. instance_count: of which the slots are below it.
+    """
+
+    def __init__(self, device: Device, geometry: TriangleGeometry, tags: int, instance_count: int) -> None:
+        super().__init__(device, geometry, "of static instances")
+        self.instance_count = instance_count
+        self._tags = tags
+
+    @property
+    def job(self) -> dict[str, int]:
+        return super().job | {"tags": self._tags}
+
+
 class SceneTree(Tree):
-    """A tree over up to `max_instances` INSTANCE_DTYPE records, whose blas_address are those of MeshTrees."""
+    """A tree over up to `max_instances` INSTANCE_DTYPE records, whose blas_address are those of MeshTrees.
+
+    The offset in a record is one more than the instance's slot in the flat tree, or 0 if it isn't there.
+    """
 
     def __init__(self, device: Device, max_instances: int, *, name: str = "scene") -> None:
-        super().__init__(device, max_instances, INSTANCE_BYTES, name)
+        # One more for the flat tree.
+        super().__init__(device, max_instances + 1, INSTANCE_BYTES + SLOT_BYTES, name)
         self.max_instances = max_instances
+
+    def record_clear(self, commands: raw.CData) -> None:
+        """Record that no instance is in the flat tree, as it is before each build."""
+        size = SLOT_BYTES * self.slot_count
+        self.device.vk.vkCmdFillBuffer(commands, self.buffer.handle, self.buffer.size - size, size, 0)
 
 
 def parts_of(records: NDArray[np.int64], counts: NDArray[np.int64]) -> NDArray[np.uint32]:
@@ -253,18 +281,37 @@ class SceneBuilds:
     """Builds of trees over instances, recorded once and submitted whenever the records have changed.
 
     instances: the device address of the records, `stride` for each tree, one after the other, of which it has the first
-    of these `counts`.
+    of these `counts`. flat_tree: of the instances with slots, if there is one.
     """
 
-    def __init__(self, trees: Sequence[SceneTree], instances: int, stride: int, counts: Sequence[int]) -> None:
+    def __init__(
+        self,
+        trees: Sequence[SceneTree],
+        instances: int,
+        stride: int,
+        counts: Sequence[int],
+        flat_tree: FlatTree | None = None,
+    ) -> None:
         device = trees[0].device
+        self._scene_trees = trees
+        self._has_slots = flat_tree is not None
         record_bytes = 64  # INSTANCE_DTYPE
         jobs: list[tuple[Tree, dict[str, int]]] = []
         for index, (tree, count) in enumerate(zip(trees, counts, strict=True)):
             first = instances + index * stride * record_bytes
-            jobs.append((tree, {"instances": first, "count": count, "is_of_instances": 1}))
+            read = {"instances": first, "count": count, "is_of_instances": 1}
+            if flat_tree is not None:
+                read |= {"flat_tree": flat_tree.address, "count": count + 1}
+            jobs.append((tree, read))
         self._builds = TreeBuilds(device, jobs)
-        self._commands = Recorded(device, self._builds.record, "build scene trees")
+        self._commands = Recorded(device, self._record, "build scene trees")
+
+    def _record(self, commands: raw.CData) -> None:
+        if self._has_slots:
+            self._scene_trees[0].device.vk.vkCmdPipelineBarrier2(commands, full_barrier())
+            for tree in self._scene_trees:
+                tree.record_clear(commands)
+        self._builds.record(commands)
 
     def submit(self) -> None:
         """Have the builds run just before the next submission."""
@@ -280,8 +327,8 @@ class SceneBuilds:
 class SceneBuild(SceneBuilds):
     """The build of one tree over `count` records at an address."""
 
-    def __init__(self, tree: SceneTree, instances: int, count: int) -> None:
-        super().__init__([tree], instances, 0, [count])
+    def __init__(self, tree: SceneTree, instances: int, count: int, flat_tree: FlatTree | None = None) -> None:
+        super().__init__([tree], instances, 0, [count], flat_tree)
 
 
 class SceneCopy:

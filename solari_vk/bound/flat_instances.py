@@ -1,0 +1,163 @@
+"""The tree over the triangles of all instances that never moved, for rays by compute shaders.
+
+Two levels of trees cost 1.2 to 2.7 times as much as one tree in world space, because boxes of instances overlap, and
+because each instance that a ray meets transforms the ray. Hits are the same: scene/trace_compute.glsl.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from solari_vk.bound.spatial_order import spatial_order
+from solari_vk.gpu.acceleration.geometry import TriangleGeometry
+from solari_vk.gpu.device.device import Device
+from solari_vk.gpu.trees.tree import TAG_DTYPE, FlatTree, build_meshes
+from solari_vk.scene.model import Mesh
+
+# Of the tree, which takes 112 bytes for each. Meshes with the fewest instances come first.
+MAX_TRIANGLES = 1 << 21
+# The tree is built again when so large a share of it has left, or so many triangles could join it.
+MAX_OUTDATED = 0.5
+
+
+class Placed(NamedTuple):
+    """An instance as rays see it."""
+
+    transform: tuple[float, ...]
+    """World from object, 12 numbers row by row."""
+    mesh: Any
+    positions: int
+    """The address of the mesh's vertices, which is another one when they were edited."""
+    triangle_count: int
+    joins: bool
+    """Whether it may be in the flat tree: it is visible and opaque, and its mesh doesn't move."""
+
+
+class FlatInstances:
+    """Which instances, by their rows, are in the flat tree. One that has changed since it was placed never joins."""
+
+    def __init__(self, device: Device) -> None:
+        self.tree: FlatTree | None = None
+        self._device = device
+        self._placed: dict[int, Placed] = {}
+        self._changed: set[int] = set()
+        self._slots: dict[int, int] = {}
+        self._waiting: set[int] = set()  # rows that join when the tree is built again
+        self._outside = 0  # triangles of those
+        self._left = 0  # triangles in the tree of instances that aren't there any more
+
+    def place(self, row: int, now: Placed) -> int:
+        """Set an instance; returns one more than its slot in the tree, or 0 if it isn't there."""
+        before = self._placed.get(row)
+        if before is None:
+            self._placed[row] = now
+            if self._joins(row):
+                self._waiting.add(row)
+                self._outside += now.triangle_count
+        elif before != now:
+            self._leave(row)
+            self._changed.add(row)
+            self._placed[row] = now
+        return self._slots.get(row, -1) + 1
+
+    def remove(self, row: int) -> None:
+        """Forget an instance."""
+        if row in self._placed:
+            self._leave(row)
+            del self._placed[row]
+            self._changed.discard(row)
+
+    def _joins(self, row: int) -> bool:
+        placed = self._placed[row]
+        if row in self._changed or not placed.joins:
+            return False
+        transform = np.reshape(placed.transform, (3, 4))
+        return bool(np.isfinite(transform).all() and np.linalg.det(transform[:, :3]) != 0)
+
+    def _leave(self, row: int) -> None:
+        count = self._placed[row].triangle_count
+        if self._slots.pop(row, None) is not None:
+            self._left += count
+        elif row in self._waiting:
+            self._waiting.remove(row)
+            self._outside -= count
+
+    @property
+    def slots(self) -> dict[int, int]:
+        """The slots of the rows that are in the tree."""
+        return self._slots
+
+    @property
+    def is_outdated(self) -> bool:
+        """Whether the tree should be built again."""
+        built = 0 if self.tree is None else self.tree.geometry.triangle_count
+        return self._outside + self._left > MAX_OUTDATED * built
+
+    def build(self, orders: Any) -> None:
+        """Build another tree over the instances; the earlier one is the caller's to free. orders: of the triangles of
+        each mesh, as they are on the device."""
+        rows = self._choose()
+        corners, tags = self._triangles(rows, orders)
+        order = spatial_order(corners.min(axis=1), corners.max(axis=1))
+        self.tree = self._build(corners[order], tags[order], len(rows))
+        self._slots = {row: slot for slot, row in enumerate(rows)}
+        self._waiting.clear()
+        self._outside = 0
+        self._left = 0
+
+    def _choose(self) -> list[int]:
+        """The rows of the instances that fit into the tree."""
+        rows = [row for row in sorted(self._placed) if self._joins(row)]
+        users = Counter(self._placed[row].mesh for row in rows)
+        chosen = set()
+        room = MAX_TRIANGLES
+        for mesh in sorted(users, key=users.__getitem__):
+            room -= users[mesh] * len(mesh.triangles)
+            if room < 0:
+                break
+            chosen.add(mesh)
+        return [row for row in rows if self._placed[row].mesh in chosen]
+
+    def _triangles(self, rows: list[int], orders: Any) -> tuple[NDArray[np.float32], NDArray[Any]]:
+        """The corners of the instances' triangles in world space (N, 3, 3), and their tags (N,)."""
+        slots_of: dict[Mesh, list[int]] = {}
+        for slot, row in enumerate(rows):
+            slots_of.setdefault(self._placed[row].mesh, []).append(slot)
+        corners = [np.zeros((0, 3, 3), np.float32)]
+        tags = [np.zeros(0, TAG_DTYPE)]
+        for mesh, slots in slots_of.items():
+            transforms = np.array([self._placed[rows[slot]].transform for slot in slots]).reshape(-1, 3, 4)
+            points = mesh.positions[mesh.triangles[orders[mesh]]].astype(np.float64)
+            placed = np.einsum("nij,tcj->ntci", transforms[:, :, :3], points) + transforms[:, None, None, :, 3]
+            of_mesh = np.zeros((len(slots), len(points)), TAG_DTYPE)
+            of_mesh["number"] = np.arange(len(points))
+            of_mesh["slot"] = np.array(slots)[:, None]
+            with np.errstate(over="ignore"):  # no ray hits what is infinite
+                corners.append(placed.reshape(-1, 3, 3).astype(np.float32))
+            tags.append(of_mesh.ravel())
+        return np.concatenate(corners), np.concatenate(tags)
+
+    def _build(self, corners: NDArray[np.float32], tags: NDArray[Any], instance_count: int) -> FlatTree:
+        count = len(corners)
+        arrays = corners, np.arange(3 * count, dtype=np.uint32), tags
+        with self._device.undone_on_error():
+            buffers = [self._device.buffer(max(array.nbytes, 16), "static triangles") for array in arrays]
+            for buffer, array in zip(buffers, arrays, strict=True):
+                if count:
+                    buffer.upload(array)
+            positions, indices, of_tags = (buffer.address for buffer in buffers)
+            geometry = TriangleGeometry(positions, 3 * count, count, indices)
+            tree = FlatTree(self._device, geometry, of_tags, instance_count)
+            build_meshes(self._device, [tree])
+        for buffer in buffers:
+            buffer.destroy()
+        return tree
+
+    def destroy(self) -> None:
+        """Free the tree."""
+        if self.tree is not None:
+            self.tree.destroy()

@@ -1,0 +1,121 @@
+"""Instances that never moved are in one tree in world space, and hits are those of two levels of trees."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from support.seeded_bugs import Bug, expect_noticed
+
+import solari_vk as sv
+from solari_vk.bound import flat_instances
+
+SIZE = (24, 16)
+CAMERA = sv.Camera.look_at((0, 0, 9), (0, 0, 0), fov=60)
+
+
+@pytest.fixture(scope="module")
+def by_compute(any_device):
+    with sv.Device(validation=True, rays="compute") as device:
+        yield device
+
+
+def turned(rng):
+    """A place, turned, scaled by axes, and mirrored in half of the cases."""
+    matrix = np.eye(4)
+    matrix[:3, :3] = np.linalg.qr(rng.normal(size=(3, 3)))[0] * rng.uniform(0.3, 1.5, 3)
+    matrix[:3, 3] = rng.uniform(-3, 3, 3)
+    return matrix
+
+
+def crowd(count=30):
+    """Boxes and balls of several materials, before a sky with a sun."""
+    rng = np.random.default_rng(4)
+    meshes = [sv.shapes.box(), sv.shapes.sphere(segments=12), sv.shapes.plane()]
+    materials = [sv.Material(base_color=rng.random(3), double_sided=index > 0) for index in range(3)]
+    scene = sv.Scene()
+    scene.environment = sv.Sky()
+    for index in range(count):
+        name = f"item {index}"
+        scene.add(sv.Instance(meshes[index % 3], materials[index % 2], transform=turned(rng), name=name))
+    return scene
+
+
+def edit(scene, frame):
+    """One edit of each kind that takes an instance out of the tree, or brings one in."""
+    rng = np.random.default_rng(frame)
+    item = scene.instances[f"item {frame}"]
+    if frame == 1:
+        item.transform = turned(rng)
+    elif frame == 2:
+        scene.remove(item)
+    elif frame == 3:
+        item.visible = False
+    elif frame == 4:
+        item.material = sv.Material(base_color=(1, 0, 0), alpha=0.5, alpha_mode="blend")
+    elif frame == 5:
+        item.mesh = sv.shapes.sphere(segments=8)
+    elif frame == 6:
+        ball = scene.instances["item 7"].mesh
+        for index in range(30, 60):
+            scene.add(sv.Instance(ball, item.material, transform=turned(rng), name=f"item {index}"))
+    elif frame == 7:
+        for index in range(10, 58):
+            scene.instances[f"item {index}"].transform = turned(rng)
+
+
+def frames(device, renderer):
+    """The pictures of frames with an edit before each, and the numbers of instances in the flat tree."""
+    scene = crowd()
+    options = {"seed": 3} if renderer is sv.PathTracer else {"seed": 3, "settings": sv.Settings(gbuffer="traced")}
+    shown, sizes = [], []
+    with renderer(device, scene, SIZE, **options) as made:
+        for frame in range(9):
+            edit(scene, frame)
+            picture = made.render(CAMERA, samples=2) if renderer is sv.PathTracer else made.render(CAMERA)
+            shown.append([picture[name].copy() for name in ("radiance", "depth", "instance_id")])
+            flat = made.binder.tlas.flat_tree
+            sizes.append(0 if flat is None else flat.geometry.triangle_count)
+    return shown, sizes
+
+
+@pytest.mark.parametrize("renderer", [sv.PathTracer, sv.Renderer])
+def test_pictures_are_those_of_two_levels(by_compute, renderer, monkeypatch):
+    found, sizes = frames(by_compute, renderer)
+    monkeypatch.setattr(flat_instances, "MAX_TRIANGLES", 0)
+    expected, none = frames(by_compute, renderer)
+    assert none == [0] * len(none)
+    assert sizes[0] == sizes[5] > 0  # single edits don't build it again
+    assert sizes[6] > sizes[5]  # many new instances do
+    assert sizes[7] < sizes[6]  # and many that move
+    for frame, (a, b) in enumerate(zip(found, expected, strict=True)):
+        for one, other in zip(a, b, strict=True):
+            np.testing.assert_array_equal(one, other, f"frame {frame}")
+
+
+def test_worlds_move_what_is_in_the_tree(by_compute, monkeypatch):
+    """Instances with transforms, or materials, of each world are where the world has them."""
+
+    moved = [f"item {index}" for index in range(5, 20)]
+
+    def taken(batch):
+        frame = batch.render([CAMERA, CAMERA])
+        return {name: frame[name].copy() for name in ("depth", "albedo")}
+
+    def pictures():
+        rng = np.random.default_rng(8)
+        with sv.Batch(by_compute, crowd(), SIZE, 2, worlds=2, outputs=["depth", "albedo"]) as batch:
+            shown = [taken(batch)]
+            for name in moved:
+                batch.transforms[name] = [turned(rng), turned(rng)]
+            batch.world_materials["item 4"] = [sv.Material(), sv.Material(alpha_mode="blend", alpha=0.3)]
+            shown.append(taken(batch))
+            batch.transforms.clear()
+            shown.append(taken(batch))
+            return shown
+
+    found = pictures()
+    assert (found[0]["depth"] != found[1]["depth"]).any()
+    monkeypatch.setattr(flat_instances, "MAX_TRIANGLES", 0)
+    for one, other in zip(found, pictures(), strict=True):
+        for name, values in one.items():
+            np.testing.assert_array_equal(values, other[name], name)
