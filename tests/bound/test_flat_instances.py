@@ -8,6 +8,7 @@ from support.seeded_bugs import Bug, expect_noticed
 
 import solari_vk as sv
 from solari_vk.bound import flat_instances
+from solari_vk.gpu.trees import tree
 
 SIZE = (24, 16)
 CAMERA = sv.Camera.look_at((0, 0, 9), (0, 0, 0), fov=60)
@@ -119,3 +120,25 @@ def test_worlds_move_what_is_in_the_tree(by_compute, monkeypatch):
     for one, other in zip(found, pictures(), strict=True):
         for name, values in one.items():
             np.testing.assert_array_equal(values, other[name], name)
+
+
+BUGS = {
+    "hits are those of world space": Bug("scene/trace_compute.glsl", "hit_in_object_space", "return hit;"),
+    "a third of the instances is lost": Bug(
+        "scene/trees/primitives.glsl", "write_slot", "if (number % 3u != 0u) { correct(number); }"
+    ),
+}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", BUGS)
+def test_a_seeded_bug_is_noticed(by_compute, name, monkeypatch):
+    def check():
+        tree._kernels.clear()
+        try:
+            test_pictures_are_those_of_two_levels(by_compute, sv.PathTracer, monkeypatch)
+        finally:
+            tree._kernels.clear()
+            monkeypatch.undo()
+
+    expect_noticed(BUGS[name], name, check)

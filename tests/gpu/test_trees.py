@@ -17,7 +17,7 @@ from solari_vk.gpu.acceleration.geometry import TriangleGeometry
 from solari_vk.gpu.acceleration.tlas import INSTANCE_DTYPE
 from solari_vk.gpu.trees import tree as tree_module
 from solari_vk.gpu.trees.refits import TreeRefits
-from solari_vk.gpu.trees.tree import NODE_BYTES, MeshTree, SceneBuild, SceneTree, build_meshes
+from solari_vk.gpu.trees.tree import INSTANCE_BYTES, NODE_BYTES, MeshTree, SceneBuild, SceneTree, build_meshes
 
 LEAF = 1 << 31
 LEAF_FIRST = (1 << 28) - 1
@@ -228,7 +228,8 @@ def test_each_instance_is_in_one_leaf(device, count):
         build_meshes(device, [tree])
         with scene_tree(device, places, tree.address) as scene:
             data = np.array(scene.buffer.read())
-    leaves = data[NODE_BYTES * scene.slot_count :].view(np.float32).reshape(-1, 20)[:count]
+    begin = NODE_BYTES * scene.slot_count
+    leaves = data[begin : begin + INSTANCE_BYTES * count].view(np.float32).reshape(-1, 20)
     found = -leaves[:, 3:12:4] * 0.1  # object from world is a scale by 10
     low, high = (0.1 * getattr(mesh, end)(axis=(0, 1)) + found for end in ("min", "max"))
     inside = np.zeros((count, 3, 4), np.float32)
