@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from support.frames import GBUFFER, make_renderer
 from test_tensor_imports import GpuTensor, gpu, shared  # noqa: F401  # a fixture
+from test_trees import indexed, read, soup, walk
 
 import solari_vk as sv
 from solari_vk.gpu.tensors.imports import DeviceTensor
@@ -262,6 +263,33 @@ def test_the_host_waits_for_no_stream(gpu):  # noqa: F811
         assert not late.is_set()
         late.set()
         assert np.abs(batch["motion_vectors"]).max() > 1e-3
+
+
+def test_trees_that_refits_made_bad_are_built_anew():
+    """Every second triangle leaves its neighbors; then only normals change, which gives the mesh other memory."""
+    corners = soup("plain", 2000)
+    mesh = sv.Mesh(*indexed(corners), normals=np.full((6000, 3), (0, 0, 1)))
+    costs = []
+    with shared("cuda", rays="compute") as device:
+        scene = sv.Scene(sv.Instance(mesh, sv.Material()))
+        with sv.RayTracer(device, scene) as tracer:
+            tracer.trace((0, 0, 5), (0, 0, -1))
+            for frame in range(8):
+                corners[::2, :, 0] += 3 if frame == 2 else 0.001
+                if frame < 3:
+                    mesh.positions = GpuTensor(device, corners.reshape(-1, 3))
+                else:
+                    mesh.normals = GpuTensor(device, np.full((6000, 3), (0, 1, frame), np.float32))
+                tracer.trace((0, 0, 5), (0, 0, -1))
+                geometry = tracer.binder.assets.geometry
+                own = geometry.tensors._meshes[mesh]
+                tree = own.blases[own.side]
+                assert tree.geometry.positions == record_of(geometry, mesh)["positions"]
+                found, _, cost = walk(*read(tree))
+                assert sorted(found) == list(range(2000))
+                costs.append(cost)
+    assert costs[2] > 3 * costs[5]
+    assert max(costs[5:]) < 1.5 * costs[0]
 
 
 class FromHost:

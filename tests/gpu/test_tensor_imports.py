@@ -133,11 +133,11 @@ class GpuTensor:
 
 
 @contextmanager
-def shared(kind):
+def shared(kind, **options):
     """A software device as one that CUDA, or HIP, shares. The validation layer takes semaphores that another thread
     signals for a fault of its own."""
     is_cuda = kind == "cuda"
-    with pytest.MonkeyPatch.context() as patch, Device("cpu", validation=not is_cuda) as device:
+    with pytest.MonkeyPatch.context() as patch, Device("cpu", validation=not is_cuda, **options) as device:
         if shared_memory.MEMORY not in device.extensions:
             pytest.skip("needs a software device that exports memory")
         library = CudaLibrary(device) if is_cuda else Library()
