@@ -100,13 +100,15 @@ def soup(kind, count):
         corners[:, 2] = corners[:, 0] + 1e-3 * (corners[:, 2] - corners[:, 0])
     elif kind == "concentric":
         corners = centers[:1] + (corners - corners.mean(axis=1, keepdims=True))
+    elif kind == "shrinking":  # each merges with all smaller ones, which would make a tree as high as they are many
+        corners = corners[:1] * 0.9 ** np.arange(count)[:, None, None]
     elif kind == "line":
         corners[..., 1:] *= 1e-6
     corners = corners.astype(np.float32)
     return corners[spatial_order(corners.min(axis=1), corners.max(axis=1))]
 
 
-KINDS = ["plain", "equal", "points", "slivers", "line", "concentric"]
+KINDS = ["plain", "equal", "points", "slivers", "line", "concentric", "shrinking"]
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -304,12 +306,23 @@ def test_refits_hold_all_triangles(device, count):
         owned.destroy()
 
 
+@pytest.mark.parametrize("count", [1, 2, 700, 3000])
+def test_triangles_that_moved_are_sorted(device, count):
+    corners = soup("plain", count)
+    _, _, cost = walk(*built(device, corners))
+    with mesh_tree(device, np.random.default_rng(1).permutation(corners)) as tree:
+        build_meshes(device, [tree])  # which leaves the box around all
+        build_meshes(device, [tree], moved=True)
+        found, _, of_sorted = walk(*read(tree))
+    assert sorted(found) == list(range(count))
+    assert of_sorted <= 1.05 * cost
+
+
 @pytest.mark.parametrize("goes_on", [False, True])
 def test_trees_that_refits_made_bad_are_built_anew(any_device, goes_on):
-    """Every second triangle leaves its neighbors, and the mesh stands still then or goes on to move."""
+    """All triangles change places, and the mesh stands still then or goes on to move."""
     corners = soup("plain", 2000)
-    moves = np.zeros(corners.shape)
-    moves[::2, :, 0] = 3
+    moves = np.random.default_rng(1).permutation(corners) - corners
     mesh = sv.Mesh(*indexed(corners), deformation=sv.Deformation(targets=moves.reshape(1, -1, 3)))
     instance = sv.Instance(mesh=mesh, material=sv.Material(), morph_weights=[0.0])
     costs = []
@@ -434,16 +447,18 @@ BUGS = {
         "build.clusters.at[node].high = uintBitsToFloat(floatBitsToUint(high) - 1u); return node;",
     ),
     "a leaf of one triangle less": Bug("scene/trees/build.comp", "reference_of", "return correct(child, place + 1u);"),
-    "a chunk's last cluster is skipped": Bug(
-        "scene/trees/clusters.glsl",
-        "join_lists",
-        "uint count = correct(halvings_before, chunk, halvings); return max(count, 2u) - 1u;",
+    "a tree that is too high": Bug(
+        "scene/trees/clusters.glsl", "nearest_cluster", "return correct(list, count, place, 64u);"
     ),
+    "a child is skipped": Bug("scene/trees/refit.comp", "join", "return a;"),
     "a box that stays": Bug(
         "scene/trees/refit.comp", "set_box", "if ((slot & 7u) != 5u) { correct(slot, is_second, child); }"
     ),
     "the first of two children goes on": Bug(
         "scene/trees/refit.comp", "other_child", "correct(slot, is_second, own_cost, other); return true;"
+    ),
+    "codes are sorted by half of their digits": Bug(
+        "scene/trees/sort.glsl", "digit_of", "return correct(key, shift % 15u);"
     ),
     "the nearest is never found": Bug("scene/trees/clusters.glsl", "nearest_cluster", "return place;"),
 }
@@ -453,8 +468,10 @@ def check_with_new_kernel(device):
     tree_module._kernels.clear()
     try:
         test_each_triangle_is_in_one_leaf(device, "plain", 257)
+        test_each_triangle_is_in_one_leaf(device, "shrinking", 3000)
         test_trees_are_as_good_as_binned_ones(device, "plain", 2, 3)
         test_refits_hold_all_triangles(device, 700)
+        test_triangles_that_moved_are_sorted(device, 700)
     finally:
         tree_module._kernels.clear()
 

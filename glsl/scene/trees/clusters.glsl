@@ -6,11 +6,17 @@
 uint list_at(uint list) { return list * build.count + chunk_begin; }
 uint nearest_at() { return list_at(2u); }
 
+// The number of a primitive in spatial order, which the third list has until clusters are merged.
+uint number_at(uint place) {
+    return build.is_sorted != 0u ? build.lists.at[nearest_at() + place] : chunk_begin + place;
+}
+
 // Makes a cluster of each primitive that rays can hit; returns their number. Their list is the first one.
 uint make_clusters() {
     uint begin, end, found = 0u;
     own_part(chunk_end - chunk_begin, begin, end);
-    for (uint number = chunk_begin + begin; number < chunk_begin + end; number++) {
+    for (uint place = begin; place < end; place++) {
+        uint number = number_at(place);
         Cluster made;
         bool hittable = build.is_of_instances != 0u ? instance_box(number, made.low, made.high)
                                                     : triangle_box(number, made.low, made.high);
@@ -24,9 +30,10 @@ uint make_clusters() {
         found += hittable ? 1u : 0u;
     }
     uint total;
-    uint place = list_at(0u) + sum_before(found, total);
-    for (uint number = chunk_begin + begin; number < chunk_begin + end; number++) {
-        if (build.clusters.at[number].parent != UNHITTABLE) { build.lists.at[place++] = number; }
+    uint made_end = list_at(0u) + sum_before(found, total);
+    for (uint place = begin; place < end; place++) {
+        uint number = number_at(place);
+        if (build.clusters.at[number].parent != UNHITTABLE) { build.lists.at[made_end++] = number; }
     }
     wait_for_all();
     return total;

@@ -108,7 +108,7 @@ class MovedTrees:
                     bad[topology.newest] = None
             refits.destroy()
         if bad:
-            build_meshes(self._device, list(bad))
+            build_meshes(self._device, list(bad), moved=True)
 
     def destroy(self) -> None:
         """Free the records of refits."""

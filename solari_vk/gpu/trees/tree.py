@@ -42,11 +42,12 @@ MAX_GROUPS = 65535  # of one dispatch, on any device
 # left, then of the clusters of 2^STAGE_HALVINGS workgroups one does so in the next stage.
 LEFT_HALVINGS = 5  # a workgroup has a thread for each of these clusters
 STAGE_HALVINGS = 5
+SORTING_STAGE = 0xFFFFFFFE
 WRITING_STAGE = 0xFFFFFFFF
 PART_BYTES = 8
 BUILD_DTYPE = np.dtype(
     [(name, "<u8") for name in ("corners", "indices", "tags", "instances", "flat_tree", "nodes", "clusters", "lists")]
-    + [(name, "<u4") for name in ("count", "slot_count", "is_of_instances", "keeps_all", "halvings", "unused")]
+    + [(name, "<u4") for name in ("count", "slot_count", "is_of_instances", "keeps_all", "halvings", "is_sorted")]
 )
 """TreeBuild of build.comp."""
 
@@ -191,14 +192,18 @@ def record_parts(device: Device, commands: raw.CData, kernel: Kernel, count: int
     vk.vkCmdPipelineBarrier2(commands, full_barrier())
 
 
-def _stages(halvings: NDArray[np.int64]) -> list[tuple[int, NDArray[np.uint32]]]:
-    """The stages of builds of trees whose primitives are halved so often into chunks, and the parts of each."""
+def _stages(halvings: NDArray[np.int64], is_sorted: NDArray[np.bool_]) -> list[tuple[int, NDArray[np.uint32]]]:
+    """The stages of builds of trees whose primitives are halved so often into chunks, and the parts of each. is_sorted:
+    whether primitives must be sorted first."""
     every = np.arange(len(halvings))
     stages = [(0, parts_of(every, 1 << halvings))]
+    unsorted = every[is_sorted]
+    if len(unsorted):
+        stages.insert(0, (SORTING_STAGE, parts_of(unsorted, np.ones_like(unsorted))))
     large = every[halvings > 0]
     left = large
     while len(left):
-        stage = len(stages)
+        stage = stages[-1][0] + 1
         chunks = 1 << np.maximum(halvings[left] - STAGE_HALVINGS * stage, 0)
         stages.append((stage, parts_of(left, chunks)))
         left = left[chunks > 1]
@@ -216,7 +221,10 @@ class TreeBuilds:
         self.trees = [tree for tree, _ in jobs]
         counts = [read["count"] for _, read in jobs]
         halvings = [(max(count - 1, 0) >> LEFT_HALVINGS + STAGE_HALVINGS).bit_length() for count in counts]
-        self._stages = _stages(np.array(halvings, np.int64))
+        records = np.zeros(len(jobs), BUILD_DTYPE)
+        records["halvings"] = halvings
+        records["is_sorted"] = [read.get("is_sorted", 0) for _, read in jobs]
+        self._stages = _stages(records["halvings"].astype(np.int64), records["is_sorted"] > 0)
         parts = np.concatenate([parts for _, parts in self._stages])
         names = ", ".join(tree.name for tree in self.trees[:3]) + (", ..." if len(jobs) > 3 else "")
         with device.undone_on_error():
@@ -227,8 +235,6 @@ class TreeBuilds:
             self._parts = device.buffer(max(parts.nbytes, 16), "parts of builds")
         clusters = self._scratch.address
         lists = clusters + 2 * CLUSTER_BYTES * sum(counts)
-        records = np.zeros(len(jobs), BUILD_DTYPE)
-        records["halvings"] = halvings
         for record, (tree, read), count in zip(records, jobs, counts, strict=True):
             made = {"nodes": tree.address, "slot_count": tree.slot_count, "clusters": clusters, "lists": lists}
             for name, value in (read | made).items():
@@ -258,20 +264,23 @@ class TreeBuilds:
             owned.destroy()
 
 
-def build_meshes(device: Device, trees: Sequence[MeshTree], budget: int = SCRATCH_BUDGET) -> None:
-    """Submit builds of trees over meshes, as many at a time as have room in a budget of scratch bytes."""
+def build_meshes(
+    device: Device, trees: Sequence[MeshTree], budget: int = SCRATCH_BUDGET, *, moved: bool = False
+) -> None:
+    """Submit builds of trees over meshes, as many at a time as have room in a budget of scratch bytes. moved: their
+    triangles, which may be in no spatial order any more; the trees were refitted."""
     part: list[MeshTree] = []
     for tree in trees:
         if SCRATCH_BYTES * sum(one.slot_count for one in (*part, tree)) > budget and part:
-            _submit(device, part)
+            _submit(device, part, moved)
             part = []
         part.append(tree)
     if part:
-        _submit(device, part)
+        _submit(device, part, moved)
 
 
-def _submit(device: Device, trees: Sequence[MeshTree]) -> None:
-    builds = TreeBuilds(device, [(tree, tree.job) for tree in trees])
+def _submit(device: Device, trees: Sequence[MeshTree], moved: bool) -> None:
+    builds = TreeBuilds(device, [(tree, tree.job | {"is_sorted": int(moved)}) for tree in trees])
     device.start(builds.record, "build trees")
     builds.mark_built()
     builds.destroy()
