@@ -74,7 +74,7 @@ def load_scene(
     if light_added:
         print(f"{job.source} has no light of its own: it is {light_added}", file=sys.stderr)
     _adjust_environment(job, scene)
-    auto_exposure = _expose(cameras, job.exposure or _default_exposure(job, camera, lit_by_studio))
+    auto_exposure = _expose(cameras, job.exposure or _default_exposure(job, cameras[0], lit_by_studio))
     for warning in scene.warnings:
         print(f"warning: {warning}", file=sys.stderr)
     return LoadedScene(scene, cameras, auto_exposure, played, still)

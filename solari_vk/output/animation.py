@@ -57,6 +57,8 @@ def load_path(path: str | Path, camera: Camera, *, fps: float, count: int | None
         "fov": np.array([math.log(math.tan(pose.vertical_fov / 4)) for pose in poses]),
         "ev100": np.array([pose.ev100 for pose in poses]),
     }
+    # A path without exposures leaves that of the camera, which may be metered.
+    has_exposures = any(pose.has_exposure for pose in poses)
     curves = {name: _interpolate(times, values, frame_times) for name, values in channels.items()}
     cameras = []
     for transform, fov, ev100 in zip(curves["transform"], curves["fov"], curves["ev100"], strict=True):
@@ -64,7 +66,8 @@ def load_path(path: str | Path, camera: Camera, *, fps: float, count: int | None
         transform[:3, :3] = nearest_rotation(transform[:3, :3])
         transform[3] = (0, 0, 0, 1)
         try:
-            cameras.append(_camera(camera, transform, 4 * math.atan(math.exp(fov)), float(ev100)))
+            exposure = float(ev100) if has_exposures else camera.ev100
+            cameras.append(_camera(camera, transform, 4 * math.atan(math.exp(fov)), exposure))
         except SolariError as error:  # curves overshoot
             raise SolariError(f"{path}: the curve between its poses leaves the range of a camera: {error}") from None
     return cameras
@@ -103,7 +106,9 @@ def _read_times(path: Path, items: list[dict[str, Any]]) -> NDArray[np.float64]:
 
 
 def _pose(path: Path, index: int, item: dict[str, Any], camera: Camera) -> Camera:
-    known = {"vertical_fov_degrees": math.degrees(camera.vertical_fov), "ev100": camera.ev100, **camera.lens_fields()}
+    known = {"vertical_fov_degrees": math.degrees(camera.vertical_fov), **camera.lens_fields()}
+    if camera.has_exposure:
+        known["ev100"] = camera.ev100
     try:
         return Camera.from_pose(known | {key: value for key, value in item.items() if key != "time"})
     except SolariError as error:

@@ -212,7 +212,7 @@ def number(
         if endless and number == math.inf:
             return number
         if not math.isfinite(number) or not low <= number <= high:
-            limits = f"between {low:g} and {high:g}{unit and f' {unit}'}"
+            limits = f"between {low:g} and {high:g}{unit and f' {unit}'}{' or infinite' if endless else ''}"
             raise ValueError(f"must be a finite number {limits}, not {shortened(str(value))}")
         return number
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+
 import numpy as np
 import pytest
 from PIL import Image
@@ -112,3 +114,15 @@ def test_how_long_an_animation_lasts(moving, tmp_path):
         assert [count(kind, "--fps", fps) for kind in kinds] == [2 * fps, 2 * fps, fps + 1, fps]
         assert [count(kind, "--fps", fps, "--duration", 3) for kind in kinds] == [3 * fps] * 4
     assert count("orbit", "--fps", 30, "--frames", 7) == 7
+
+
+def test_poses_of_a_path_keep_their_exposures(tmp_path):
+    sv.Scene(sv.Instance(sv.shapes.box()), sv.DirectionalLight((0, -1, 0))).save(tmp_path / "lit.glb")
+    path = tmp_path / "path.json"
+    words = ["render", str(tmp_path / "lit.glb"), "-o", str(tmp_path / "a.gif"), "--animate", str(path)]
+    for own, options, expected in (({}, [], None), ({"ev100": 5}, [], 5), ({"ev100": 5}, ["--exposure", "2"], 2)):
+        poses = [{"position": [x, 1, 5], "target": [0, 1, 0], **own} for x in (0, 3)]
+        path.write_text(json.dumps(poses))
+        loaded = load_scene(make_job(parse(COMMANDS, [*words, *options])[1]))
+        assert loaded.auto_exposure == (expected is None)
+        assert expected is None or {camera.ev100 for camera in loaded.cameras} == {expected}

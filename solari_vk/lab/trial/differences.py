@@ -81,7 +81,7 @@ TRANSLATED: tuple[tuple[str, str, Callable[[Scene], bool]], ...] = (  # of trans
     (
         "attenuation",
         "left out: the solid is clear there",
-        _with(lambda m: m.solid and m.transmission > 0 and (m.attenuation_color < 1).any()),
+        _with(lambda m: m.solid and m.transmission > 0 and m.absorption.any()),
     ),
     ("sheen", "left out", _with(lambda m: m.sheen_color.max() > 0)),
     ("anisotropy", "left out", _with(lambda m: m.anisotropy > 0)),
