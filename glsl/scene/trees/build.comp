@@ -29,7 +29,10 @@ layout(push_constant, scalar) uniform Work {
     uint left_halvings;   // of a chunk up to 2^left_halvings clusters are left
 } work;
 
+const uint SUM_GROUP = 16u;  // threads whose values one thread adds
+const uint SUM_GROUPS = THREADS / SUM_GROUP;
 shared uint sums[THREADS];
+shared uint group_sums[SUM_GROUPS];
 
 uint thread;
 // The primitives of this workgroup's chunk: [chunk_begin, chunk_end). Its lists have the same place among all.
@@ -42,22 +45,28 @@ void wait_for_all() {
     barrier();
 }
 
-// The sum of the values of all threads before this one, and of all, to make a list without gaps: Hillis and Steele,
-// "Data Parallel Algorithms" (1986).
+// The sum of the values of all threads before this one, and of all, to make a list without gaps. In two steps with few
+// barriers, which are expensive on software devices.
 uint sum_before(uint value, out uint total) {
     sums[thread] = value;
     wait_for_all();
-    uint sum = value;
-    for (uint step = 1u; step < THREADS; step *= 2u) {
-        uint other = thread >= step ? sums[thread - step] : 0u;
-        wait_for_all();
-        sum += other;
-        sums[thread] = sum;
-        wait_for_all();
+    if (thread < SUM_GROUPS) {
+        uint sum = 0u;
+        for (uint i = thread * SUM_GROUP; i < (thread + 1u) * SUM_GROUP; i++) {
+            uint next = sums[i];
+            sums[i] = sum;
+            sum += next;
+        }
+        group_sums[thread] = sum;
     }
-    total = sums[THREADS - 1u];
     wait_for_all();
-    return sum - value;
+    uint before = sums[thread];
+    total = 0u;
+    for (uint group = 0u; group < SUM_GROUPS; group++) {
+        if (group == thread / SUM_GROUP) { before += total; }
+        total += group_sums[group];
+    }
+    return before;
 }
 
 // The part of a list that a thread has: [begin, end).
@@ -159,7 +168,7 @@ void write_entrance(uint count) {
         entrance.first_low = whole.low;
         entrance.first_high = whole.high;
         entrance.first = reference_of(whole, 0u);
-        entrance.second_low.x = cost_for_ray(whole.cost, whole.low, whole.high);
+        entrance.second_low.x = cost_for_ray(whole.cost, half_area(whole.low, whole.high));
     }
     MadeNodes(build.nodes).at[0] = entrance;
 }

@@ -54,7 +54,7 @@ uint join_lists(uint halvings_before, uint chunk, uint halvings) {
 }
 
 // The place in a list of the cluster whose box together with that of another is smallest. max_height: of the node above
-// both; a cluster that is too high for one is its own nearest.
+// both; where that would be too high, a cluster is its own nearest.
 uint nearest_cluster(uint list, uint count, uint place, uint max_height) {
     Cluster own = build.clusters.at[build.lists.at[list + place]];
     uint first = uint(max(int(place) - SEARCH_RADIUS, 0)), last = min(place + uint(SEARCH_RADIUS), count - 1u);
@@ -63,7 +63,6 @@ uint nearest_cluster(uint list, uint count, uint place, uint max_height) {
     for (uint other = first; other <= last; other++) {
         if (other == place) { continue; }
         Cluster candidate = build.clusters.at[build.lists.at[list + other]];
-        if (max(own.height, candidate.height) >= max_height) { continue; }
         float area = half_area(min(own.low, candidate.low), max(own.high, candidate.high));
         // Of equally near ones the one whose number differs in the lowest bits: both of such a pair choose each other.
         if (area < least || nearest == place || (area == least && (other ^ place) < (nearest ^ place))) {
@@ -71,7 +70,8 @@ uint nearest_cluster(uint list, uint count, uint place, uint max_height) {
             nearest = other;
         }
     }
-    return nearest;
+    uint height = max(own.height, build.clusters.at[build.lists.at[list + nearest]].height);
+    return height < max_height ? nearest : place;
 }
 
 // Makes one cluster of two; returns its number.

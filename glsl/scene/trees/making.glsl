@@ -17,17 +17,13 @@ layout(buffer_reference, scalar, buffer_reference_align = 8) readonly buffer Par
 
 const TreeNode NO_NODE = TreeNode(vec3(0.0), NO_ROOT, vec3(0.0), 0u, vec3(0.0), 0u, vec3(0.0), 0u);
 
-// 0 for a box of nothing.
 float half_area(vec3 low, vec3 high) {
     vec3 size = high - low;
-    return size.x >= 0.0 ? size.x * size.y + size.y * size.z + size.z * size.x : 0.0;
+    return size.x * size.y + size.y * size.z + size.z * size.x;
 }
 
 // The cost of a tree for a ray that meets the box around it.
-float cost_for_ray(float cost, vec3 low, vec3 high) {
-    float area = half_area(low, high);
-    return area > 0.0 ? cost / area : 0.0;
-}
+float cost_for_ray(float cost, float area) { return area > 0.0 ? cost / area : 0.0; }
 
 bool is_finite(vec3 v) { return all(lessThanEqual(abs(v), vec3(3.4028235e38))); }  // comparisons with NaN are false
 

@@ -40,6 +40,9 @@ struct Subtree {
     float cost;  // of the surface area heuristic, times the root's area
 };
 
+// Of no triangles too.
+float area_of(Subtree tree) { return tree.low.x <= tree.high.x ? half_area(tree.low, tree.high) : 0.0; }
+
 // Writes the triangles of a leaf. Rays hit none that isn't finite.
 Subtree fit_leaf(uint leaf) {
     Subtree made = Subtree(vec3(INFINITY), vec3(-INFINITY), 0.0);
@@ -55,13 +58,13 @@ Subtree fit_leaf(uint leaf) {
         made.low = min(made.low, min(min(a, b), c));
         made.high = max(made.high, max(max(a, b), c));
     }
-    made.cost = TRIANGLE_COST * half_area(made.low, made.high) * float(count);
+    made.cost = TRIANGLE_COST * area_of(made) * float(count);
     return made;
 }
 
 Subtree join(Subtree a, Subtree b) {
     Subtree made = Subtree(min(a.low, b.low), max(a.high, b.high), a.cost + b.cost);
-    made.cost += NODE_COST * half_area(made.low, made.high);
+    made.cost += NODE_COST * area_of(made);
     return made;
 }
 
@@ -91,7 +94,7 @@ bool other_child(uint slot, bool is_second, float own_cost, out Subtree other) {
 void finish(Subtree whole, uint part) {
     set_box(0u, false, whole);
     float built = refit.source.at[0].second_low.x;
-    work.refits.at[part].growth = cost_for_ray(whole.cost, whole.low, whole.high) / built;
+    work.refits.at[part].growth = cost_for_ray(whole.cost, area_of(whole)) / built;
 }
 
 // Fits a node whose children are leaves, and all above it whose other child is fitted.

@@ -40,7 +40,7 @@ GROUP_SIZE = 256  # threads of a workgroup
 MAX_GROUPS = 65535  # of one dispatch, on any device
 # Of a large tree each workgroup clusters up to 2^(LEFT_HALVINGS + STAGE_HALVINGS) neighbors until 2^LEFT_HALVINGS are
 # left, then of the clusters of 2^STAGE_HALVINGS workgroups one does so in the next stage.
-LEFT_HALVINGS = 5  # a workgroup has a thread for each of these clusters
+LEFT_HALVINGS = 6  # a workgroup has a thread for each of these clusters
 STAGE_HALVINGS = 5
 SORTING_STAGE = 0xFFFFFFFE
 WRITING_STAGE = 0xFFFFFFFF
