@@ -21,7 +21,9 @@ from solari_vk.gpu.device.buffer import Buffer
 from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.frame.frame import HitGroup, Pass, RayPass
 from solari_vk.lab.shader_runner import ShaderRunner
+from solari_vk.renderers.ray_tracer import RayTracer
 from solari_vk.scene.matrices import transform_points
+from solari_vk.scene.model import Instance, Material, Mesh, Scene
 
 FRESH = "fresh"
 REBUILT = "rebuilt"
@@ -117,8 +119,9 @@ class Structures:
 
     Structures that are rebuilt or refitted are first built with all vertices, boxes and instances moved elsewhere. On a
     device that traces by ray pipelines, instances get the record offset of their kind of geometry in place of their
-    own, unless `own_records`. `damage` changes the instance records just before they are uploaded; tests of the suite
-    seed bugs with it.
+    own, unless `own_records`. On one that traces by compute shaders, `tlas` is a RayTracer over shapes of one kind of
+    triangles each, whose trees are built in one way. `damage` changes the instance records just before they are
+    uploaded; tests of the suite seed bugs with it.
     """
 
     def __init__(
@@ -134,9 +137,12 @@ class Structures:
     ) -> None:
         self.device = device
         self.placed = list(placed)
+        self._open = ExitStack()
+        if device.rays == "compute":
+            self.tlas: Any = self._own_tracer(shapes, placed)
+            return
         if device.rays == "pipeline" and not own_records:
             self.placed = [replace(item, sbt_offset=record_of(shapes[item.shape])) for item in placed]
-        self._open = ExitStack()
         self._uploads: list[tuple[Buffer, np.ndarray]] = []
         self.sizes: dict[str, int] = {}  # sizes of Blases before compaction
         update = build_mode == REFITTED
@@ -159,6 +165,21 @@ class Structures:
         if build_mode in (REBUILT, REFITTED):
             self._build(displaced=True)
         self._build(update=update, compact=compact, damage=damage)
+
+    def _own_tracer(self, shapes: Shapes, placed: Sequence[Placement]) -> Any:
+        meshes = {}
+        for name, parts in shapes.items():
+            [part] = parts
+            assert isinstance(part, Triangles)
+            meshes[name] = Mesh(part.placed.reshape(-1, 3).astype(np.float32))
+        scene, material = Scene(), Material()
+        scene.origin = (0, 0, 0)  # so that the device has the same numbers
+        for number, item in enumerate(placed):
+            made = Instance(meshes[item.shape], material, item.matrix, visible=item.active and item.mask != 0)
+            # What `trace` reads: the number among `placed`, and the custom data.
+            made.name, made.label = str(number), str(item.custom)
+            scene.add(made)
+        return self._open.enter_context(RayTracer(self.device, scene))
 
     def _own(self, resource: Any) -> Any:
         self._open.callback(resource.destroy)
@@ -271,7 +292,7 @@ def translation(x: float, y: float = 0.0, z: float = 0.0) -> NDArray[np.float64]
 
 def trace(
     shaders: ShaderRunner,
-    tlas: Tlas,
+    tlas: Tlas | RayTracer,
     origins: ArrayLike,
     directions: ArrayLike,
     *,
@@ -286,6 +307,8 @@ def trace(
     Boxes are hit at `box_t`, or ignored when it is 0.
     """
     origins, directions = np.broadcast_arrays(np.atleast_2d(origins), np.atleast_2d(directions))
+    if isinstance(tlas, RayTracer):
+        return _hits_of(shaders, tlas, tlas.trace(origins, directions, t_min=t_min, t_max=t_max))
     rays = np.zeros(len(origins), shaders.element("conformance/trace", "rays"))
     rays["origin"] = origins
     rays["direction"] = directions
@@ -298,6 +321,18 @@ def trace(
     if shaders.device.rays == "pipeline":
         step = RayPass(step.name, threads=len(rays), misses=[f"{_TRACE}.rmiss"], hits=_HITS)
     return shaders.run_steps([step], {"tlas": tlas, "rays": rays}, {"hits": len(rays)})["hits"]
+
+
+def _hits_of(shaders: ShaderRunner, tracer: RayTracer, found: np.ndarray) -> np.ndarray:
+    """What a RayTracer of `Structures` has found, as the suite's shaders tell it."""
+    numbers = np.zeros((max(tracer.instances, default=0) + 1, 2), np.uint32)
+    for number, instance in tracer.instances.items():
+        numbers[number] = int(instance.name), int(instance.label)
+    hits = np.zeros(len(found), shaders.element("conformance/trace", "hits"))
+    hits["t"] = np.where(found["instance"] < 0, -1, found["t"])
+    hits["instance"], hits["custom_data"] = numbers[found["instance"]].T
+    hits["primitive"] = found["primitive"].astype(np.uint32)
+    return hits
 
 
 def build_and_trace(

@@ -17,10 +17,10 @@ from solari_vk.lab.conformance.worker import SuiteOptions, Worker
 def worker_of() -> Iterator[Callable[[str], Worker]]:
     """worker_of(group): the device under test, opened for the way to trace rays that the group is about."""
     with ExitStack() as stack:
-        made: dict[str, Worker] = {}
+        made: dict[tuple[str, ...], Worker] = {}
 
         def find(group: str) -> Worker:
-            rays = RAYS.get(group, "")
+            rays = RAYS.get(group, ())
             if rays not in made:
                 made[rays] = stack.enter_context(Worker(SuiteOptions(), group))
             return made[rays]

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import itertools
+from collections.abc import Iterator, Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,11 +13,25 @@ from solari_vk.bound.spatial_order import spatial_order
 from solari_vk.lab.conformance.outcomes import VULKAN, Measurement, Rule
 from solari_vk.lab.embree import embree_scene, intersect_planes
 from solari_vk.lab.shader_runner import ShaderRunner
-from solari_vk.lab.structures import IDENTITY, Placement, Structures, Triangles, bumpy_ball, random_rotation, trace
+from solari_vk.lab.structures import (
+    IDENTITY,
+    Placement,
+    Shapes,
+    Structures,
+    Triangles,
+    bumpy_ball,
+    random_rotation,
+    trace,
+)
+from solari_vk.scene.builtin import builtin
 from solari_vk.scene.matrices import transform_points
+from solari_vk.scene.model import Scene
 
 SCENES = ("soup", "instanced", "mesh of a million")
+BUILTIN = ("cornell_box", "many_lights", "rooms", "sphere_grid")
+AIMS = ("anywhere", "at edges", "at vertices")
 _NEAR = 1e-4  # share of the scene's extent; closer to an edge than this, either triangle may be the hit
+_BESIDE = 1e-6  # share of the scene's extent: rays that are so close to each other may hit what either of them hits
 # Rays of one dispatch: enough to fill a GPU, few enough to fit into memory.
 _BATCH = 1 << 18
 
@@ -53,12 +69,29 @@ def _scene(name: str, small: bool) -> tuple[dict[str, list[Triangles]], list[Pla
     return shapes, placed
 
 
+def _in_world(shapes: Shapes, placed: Sequence[Placement]) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    """The corners of all triangles, and the first triangle of each instance with their number at the end."""
+    parts = []
+    for item in placed:
+        [part] = shapes[item.shape]
+        assert isinstance(part, Triangles)
+        parts.append(transform_points(item.matrix, part.placed))
+    return np.concatenate(parts), np.cumsum([0, *map(len, parts)])
+
+
+def _triangles_of(hits: np.ndarray, first: NDArray[np.int64]) -> NDArray[np.int64]:
+    """The numbers of hit triangles in the whole scene, -1 for none."""
+    count = first[-1]
+    # A driver that answers with numbers out of range must count as wrong, not as an IndexError.
+    instance = np.minimum(hits["instance"], len(first) - 2)
+    triangle = first[instance] + np.minimum(hits["primitive"], count)
+    return np.where(hits["t"] < 0, -1, np.minimum(triangle, count - 1))
+
+
 def measure(shaders: ShaderRunner, scene: str, count: int, small: bool = False) -> Iterator[Measurement]:
     """Trace `count` random rays through the bounds of a scene. `small` asks for a smaller scene, for tests."""
     shapes, placed = _scene(scene, small)
-    parts = [transform_points(item.matrix, shapes[item.shape][0].placed) for item in placed]
-    corners = np.concatenate(parts)
-    first = np.concatenate([[0], np.cumsum([len(part) for part in parts])])  # each instance's first triangle
+    corners, first = _in_world(shapes, placed)
     low, high = corners.min(axis=(0, 1)), corners.max(axis=(0, 1))
     middle = (low + high) / 2
     half = (high - low) / 2
@@ -76,10 +109,7 @@ def measure(shaders: ShaderRunner, scene: str, count: int, small: bool = False) 
             directions = (targets - origins).astype(np.float32)
             directions /= np.linalg.norm(directions, axis=1, keepdims=True)
             hits = trace(shaders, structures.tlas, origins, directions)
-            # A driver that answers with numbers out of range must count as wrong, not as an IndexError.
-            instance = np.minimum(hits["instance"], len(placed) - 1)
-            triangle = first[instance] + np.minimum(hits["primitive"], len(corners))
-            found = np.where(hits["t"] < 0, -1, np.minimum(triangle, len(corners) - 1))
+            found = _triangles_of(hits, first)
             right = oracle.run(origins, directions)
             t_found, edge_found = intersect_planes(corners, found, origins, directions)
             t_right, edge_right = intersect_planes(corners, right, origins, directions)
@@ -96,3 +126,132 @@ def measure(shaders: ShaderRunner, scene: str, count: int, small: bool = False) 
     yield Measurement(rule, unexcused / count, 1e-4, f"of {count:,} rays")
     yield Measurement(edges, excused / count, 1e-3, f"of {count:,} rays")
     yield Measurement(distance, worst, 1e-4, "of the extent")
+
+
+# ---- exactly -----------------------------------------------------------------------------------------
+
+
+def shapes_of(scene: Scene) -> tuple[dict[str, list[Triangles]], list[Placement]]:
+    """What rays hit of a scene, as shapes and instances."""
+    shapes: dict[str, list[Triangles]] = {}
+    placed = []
+    for instance in scene.instances:
+        mesh = instance.ray_mesh or instance.posed_mesh()
+        name = str(len(shapes)) if instance.posed else f"of {id(mesh)}"
+        shapes.setdefault(name, [Triangles(mesh.positions[mesh.triangles])])
+        placed.append(Placement(name, instance.transform[:3]))
+    return shapes, placed
+
+
+def exact_rules(name: str) -> list[Rule]:
+    """The rules that `measure_exactly` measures on a scene."""
+    section = "Ray Closest Hit Determination"
+    return [
+        *(Rule(f"{name}: rays {aim} hit what Embree hits", VULKAN, section) for aim in AIMS),
+        Rule(f"{name}: hits lie in their triangles' planes", VULKAN, section),
+    ]
+
+
+def measure_exactly(shaders: ShaderRunner, scene: str | Scene, count: int, name: str = "") -> Iterator[Measurement]:
+    """Trace `count` rays of each of AIMS: each must hit what Embree's does, or what Embree finds a millionth of the
+    scene's extent beside it. So rays at outlines may pass on either side, but none gets between two triangles."""
+    if isinstance(scene, Scene):
+        shapes, placed = shapes_of(scene)
+    else:
+        shapes, placed = shapes_of(builtin(scene)) if scene in BUILTIN else _scene(scene, small=False)
+    corners, first = _in_world(shapes, placed)
+    low, high = corners.min(axis=(0, 1)), corners.max(axis=(0, 1))
+    extent = float(np.linalg.norm(high - low))
+    oracle, random = embree_scene(corners), np.random.default_rng(17)
+    wrong = dict.fromkeys(AIMS, 0)
+    off = 0.0
+    with Structures(shaders.device, shapes, placed) as structures:
+        for aim, start in itertools.product(AIMS, range(0, count, _BATCH)):
+            size = min(_BATCH, count - start)
+            origins = random.uniform(1.25 * low - 0.25 * high, 1.25 * high - 0.25 * low, (size, 3)).astype(np.float32)
+            directions = (_targets(random, aim, corners, size) - origins).astype(np.float32)
+            directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+            hits = trace(shaders, structures.tlas, origins, directions)
+            found, right = _triangles_of(hits, first), oracle.run(origins, directions)
+            some = np.flatnonzero(found != right)
+            rays = origins[some], directions[some]
+            wrong[aim] += _count_wrong(oracle, corners, first, found[some], right[some], *rays, _BESIDE * extent)
+            off = max(off, _off_plane(corners, found, origins + hits["t"][:, None].astype(float) * directions))
+    *aimed, plane = exact_rules(name or str(scene))
+    for rule, aim in zip(aimed, AIMS, strict=True):
+        yield Measurement(rule, wrong[aim], 0.0, f"of {count:,} rays")
+    yield Measurement(plane, off / extent, _BESIDE, "of the extent")
+
+
+def _targets(random: np.random.Generator, aim: str, corners: NDArray[np.float64], size: int) -> NDArray[np.float64]:
+    if aim == "anywhere":
+        return random.uniform(corners.min(axis=(0, 1)), corners.max(axis=(0, 1)), (size, 3))
+    triangle, corner = random.integers(len(corners), size=size), random.integers(3, size=size)
+    one, other = corners[triangle, corner], corners[triangle, (corner + 1) % 3]
+    along = random.random((size, 1)) if aim == "at edges" else 0.0
+    return one + (other - one) * along
+
+
+def _count_wrong(
+    oracle: Any,
+    corners: NDArray[np.float64],
+    first: NDArray[np.int64],
+    found: NDArray[np.int64],
+    right: NDArray[Any],
+    origins: NDArray[np.float32],
+    directions: NDArray[np.float32],
+    reach: float,
+) -> int:
+    """How many of the rays that don't hit Embree's triangles are wrong. reach: what they may pass beside a surface."""
+    t, edge, cosine = _planes(corners, found, origins, directions)
+    side = np.cross(directions, np.roll(directions, 1, axis=1) * (1, -1, 1))
+    side /= np.linalg.norm(side, axis=1, keepdims=True)
+    nearest, farthest, connected = np.full(len(t), np.inf), np.zeros(len(t)), np.ones(len(t), bool)
+    for offset in (0 * side, side, -side, np.cross(side, directions), np.cross(directions, side)):
+        moved = (origins + reach * offset).astype(np.float32)
+        hit = oracle.run(moved, directions)
+        beside, _, slope = _planes(corners, hit, moved, directions)
+        nearest = np.fmin(nearest, beside - reach - reach / slope)
+        farthest = np.fmax(farthest, beside + reach + reach / slope)
+        connected &= np.searchsorted(first, hit, side="right") == np.searchsorted(first, right, side="right")
+        connected &= (corners[hit][:, :, None] == corners[right][:, None]).all(axis=-1).any(axis=(1, 2))
+    # Embree may pass beside what is hit at its edge, and rays may pass between meshes, or triangles that have no corner
+    # in common, or beside a fold.
+    too_far = (t > farthest) & connected
+    few = np.flatnonzero(too_far)[:20]  # where there are more, they aren't beside folds
+    too_far[few] = _exact_t(corners, origins[few], directions[few]) < t[few] - reach
+    return int(((t < nearest) & (edge * cosine > reach)).sum() + too_far.sum())
+
+
+def _exact_t(
+    corners: NDArray[np.float64], origins: NDArray[np.float32], directions: NDArray[np.float32]
+) -> NDArray[np.float64]:
+    """t (N,) of the nearest triangle by float64 arithmetic, inf without one. Tries all."""
+    found = np.full(len(origins), np.inf)
+    for ray, (origin, direction) in enumerate(zip(origins.astype(float), directions.astype(float), strict=True)):
+        a, b, c = np.moveaxis(corners - origin, 1, 0)
+        # The signed volumes of the ray with the three sides.
+        sides = np.stack([np.cross(one, other) @ direction for one, other in ((a, b), (b, c), (c, a))])
+        inside = np.flatnonzero((sides >= 0).all(axis=0) | (sides <= 0).all(axis=0))
+        t, _ = intersect_planes(corners, inside, *(np.tile(row, (len(inside), 1)) for row in (origin, direction)))
+        found[ray] = np.min(t[t > 0], initial=np.inf)
+    return found
+
+
+def _planes(
+    corners: NDArray[np.float64], index: NDArray[Any], origins: NDArray[np.float32], directions: NDArray[np.float32]
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """`intersect_planes`, and the cosine of the angle between ray and normal, 1 without a triangle."""
+    a, b, c = np.moveaxis(corners[index], 1, 0)
+    normal = np.cross(b - a, c - a)
+    length = np.maximum(np.linalg.norm(normal, axis=1), 1e-300)
+    cosine = np.abs((normal * directions).sum(axis=1)) / length
+    return *intersect_planes(corners, index, origins, directions), np.where(index < 0, 1.0, np.maximum(cosine, 1e-12))
+
+
+def _off_plane(corners: NDArray[np.float64], found: NDArray[np.int64], points: NDArray[np.float64]) -> float:
+    """How far hits (N, 3) are at most from the planes of their triangles."""
+    a, b, c = np.moveaxis(corners[found[found >= 0]], 1, 0)
+    normal = np.cross(b - a, c - a)
+    normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-300)
+    return float(np.abs(((points[found >= 0] - a) * normal).sum(axis=1)).max(initial=0))

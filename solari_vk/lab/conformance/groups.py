@@ -16,8 +16,16 @@ from solari_vk.lab.conformance.cases import Measure, by, cases_of, with_device, 
 from solari_vk.lab.conformance.ray_cases import parts as parts
 from solari_vk.lab.structures import BUILD_MODES, FRESH
 
-RAYS = {"ray_pipelines": "pipeline", "ray_queries": "query"}
-"""The way to trace that a group is about. The suite opens the device for it, unless it is told another way."""
+_DRIVER = ("query", "pipeline")
+RAYS = {
+    "acceleration_structures": _DRIVER,
+    "ray_pipelines": ("pipeline",),
+    "ray_queries": ("query",),
+    "ray_traversal": _DRIVER,
+    "compute_rays": ("compute",),
+}
+"""The ways to trace that a group is about. The suite opens the device for the first one that it has, unless it is told
+another way."""
 GROUPS: dict[str, dict[str, Measure]] = {
     "acceleration_structures": {
         "inactive_instances": with_shaders(structure_checks.measure_inactive_instances),
@@ -50,6 +58,14 @@ GROUPS: dict[str, dict[str, Measure]] = {
         "many_instances": ray_cases.many_instances,
         "extreme_transforms": with_shaders(bulk_checks.measure_extreme_transforms),
         "thin_triangles": with_shaders(bulk_checks.measure_thin_triangles),
+    },
+    "compute_rays": {
+        **cases_of("embree", ray_cases.embree_exactly, *embree_checks.SCENES, *embree_checks.BUILTIN),
+        "watertight": with_shaders(bulk_checks.measure_watertight),
+        "many_instances": ray_cases.many_instances,
+        "extreme_transforms": with_shaders(bulk_checks.measure_extreme_transforms),
+        "thin_triangles": with_shaders(bulk_checks.measure_thin_triangles),
+        "inactive_instances": with_shaders(structure_checks.measure_inactive_instances),
     },
     "renderer": {
         "series": with_device(renderer_checks.measure_series),

@@ -75,6 +75,18 @@ def embree(context: CheckContext, scene: str) -> Iterable[Measurement]:
     return ()
 
 
+def embree_exactly(context: CheckContext, scene: str) -> Iterable[Measurement]:
+    """Rays by compute shaders, also at edges and vertices, against Embree."""
+    rules = embree_checks.exact_rules(scene)
+    if not available():
+        context.recorder.unmeasured(rules, ERROR, "needs embreex: pip install solari-vk[test]")
+    elif scene == embree_checks.SCENES[-1] and not context.full:
+        context.recorder.unmeasured(rules, NOT_RUN, "--full measures it")
+    else:
+        return embree_checks.measure_exactly(context.shaders, scene, 500_000 if context.full else 20_000)
+    return ()
+
+
 def vertex_return(context: CheckContext) -> Iterable[Measurement]:
     """The corners of triangles that rays hit."""
     if context.device.has_position_fetch:

@@ -13,10 +13,10 @@ from pathlib import Path
 
 from solari_vk.base.errors import SolariError
 from solari_vk.gpu.device.device import Device
-from solari_vk.gpu.device.rays import AUTO
+from solari_vk.gpu.device.rays import AUTO, IN_WORDS
 from solari_vk.lab.conformance.cases import CheckContext
 from solari_vk.lab.conformance.faults import Fault, known_faults
-from solari_vk.lab.conformance.outcomes import LOST, Check, Outcome
+from solari_vk.lab.conformance.outcomes import LOST, UNSUPPORTED, Check, Outcome
 from solari_vk.lab.conformance.recorder import Recorder
 from solari_vk.lab.page import device_facts, host_load
 from solari_vk.lab.shader_runner import ShaderRunner
@@ -72,7 +72,8 @@ class Worker:
     def __init__(self, options: SuiteOptions, group: str) -> None:
         table = importlib.import_module(options.table)
         self._open = ExitStack()
-        self.device = self._open.enter_context(_open_device(options, table.RAYS.get(group, AUTO)))
+        self._ways = table.RAYS.get(group, tuple(IN_WORDS))
+        self.device = self._open.enter_context(_open_device(options, self._ways))
         self.faults = known_faults(f"{self.device.properties.driver} {self.device.name}")
         self._shaders = self._open.enter_context(ShaderRunner(self.device))
         self._full = options.full
@@ -80,7 +81,15 @@ class Worker:
 
     def measure(self, check: Check, send: Callable[[Outcome], None]) -> None:
         """Measure one check. An error that it raises becomes an outcome."""
-        rule = Recorder(check, self.faults, send)
+        by_compute = self.device.rays == "compute"
+        # Faults of the driver aren't those of the renderer's own trees.
+        rule = Recorder(check, [] if by_compute else self.faults, send)
+        if by_compute != ("compute" in self._ways) and self.device.rays not in self._ways:
+            ways = " or ".join(self._ways)
+            rule.unmeasured(
+                check.rule, UNSUPPORTED, f"the device is opened for rays by {self.device.rays}, not by {ways}"
+            )
+            return
         try:
             rule(self._groups[check.group][check.case](CheckContext(rule, self._shaders, self._full, check.part)))
             # What the check has submitted must end within it, and messages of the validation layer are about it.
@@ -127,15 +136,16 @@ def measure_checks(options: SuiteOptions, checks: Sequence[Check], send: Send) -
             worker.close()
 
 
-def _open_device(options: SuiteOptions, rays: str) -> Device:
-    """The device, opened for this way to trace rays if it has it and the user didn't choose one."""
+def _open_device(options: SuiteOptions, ways: Sequence[str]) -> Device:
+    """The device, opened for the first of these ways to trace rays that it has, if the user didn't choose one."""
     # The first device is needed to learn what it lacks; opening it again costs little.
     device = Device(options.select, rays=options.rays)
     chosen = options.rays or os.environ.get("SOLARI_VK_RAYS") or AUTO
-    if chosen != AUTO or rays in (AUTO, device.rays) or device.missing_rays[rays]:
+    usable = [way for way in ways if not device.missing_rays[way]]
+    if chosen != AUTO or device.rays in ways or not usable:
         return device
     device.close()
-    return Device(options.select, rays=rays)
+    return Device(options.select, rays=usable[0])
 
 
 def _facts(device: Device) -> dict[str, str]:

@@ -46,9 +46,18 @@ def test_the_report_names_what_the_device_lacks_or_the_user_chose(monkeypatch):
 
 
 def test_a_device_that_has_the_way_is_opened_for_it():
-    for group, way in (("ray_queries", "query"), ("ray_pipelines", "pipeline")):
+    for group, way in (("ray_queries", "query"), ("ray_pipelines", "pipeline"), ("compute_rays", "compute")):
         with Worker(SuiteOptions(), group) as opened:
             assert opened.device.rays == way
+
+
+@pytest.mark.parametrize(("group", "way"), [("compute_rays", "query"), ("ray_traversal", "compute")])
+def test_trees_and_structures_of_drivers_are_not_taken_for_each_other(group, way):
+    outcomes = []
+    with Worker(SuiteOptions(rays=way), group) as opened:
+        opened.measure(Check(group, "watertight"), outcomes.append)
+    assert [outcome.status for outcome in outcomes] == [UNSUPPORTED]
+    assert f"opened for rays by {way}, not by" in outcomes[0].reason
 
 
 def test_a_failure_to_open_is_no_missing_feature(monkeypatch):
