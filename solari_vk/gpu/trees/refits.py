@@ -72,11 +72,12 @@ class TreeRefits:
 
 
 class MovedTrees:
-    """The trees of a scene that are refitted. Call `improve` once in each update."""
+    """The trees of a scene that are refitted. Call `improve` at the end of each update."""
 
     def __init__(self, device: Device) -> None:
         self._device = device
-        self._updates = 0
+        self._updates = 0  # with work between them: a frame may ask for several
+        self._submitted = -1
         # The update of refits, and the value of the timeline when they are done.
         self._waiting: deque[tuple[int, int, TreeRefits]] = deque()
 
@@ -93,6 +94,9 @@ class MovedTrees:
 
     def improve(self) -> None:
         """Build those trees anew that have become too bad, as they are now."""
+        if self._device.submitted == self._submitted:
+            return
+        self._submitted = self._device.submitted
         self._updates += 1
         bad: dict[MeshTree, None] = {}
         while self._waiting:
