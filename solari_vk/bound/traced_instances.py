@@ -121,11 +121,14 @@ class TracedRecords:
         return np.fromiter(self._indices, np.int64, len(self._indices))
 
     def lit_area(self) -> float:
-        """The area of a disk around the instances' centers, in square meters; at least 1."""
-        # Without their sizes: a ground that reaches far would give the sun nearly all samples of a lit room on it.
+        """The area of a disk around the instances, in square meters; at least 1."""
+        # Rather too large than too small: lamps keep half of the samples on the wide ground of a room beside a sun, but
+        # a sun over a scene of one mesh that counted as a point would have few.
         if not self._indices:
             return 1.0
-        return max(float(np.square(np.ptp(self._boxes(self._rows())[0], axis=0)).sum()) * np.pi / 4, 1.0)
+        centers, half_sizes = self._boxes(self._rows())
+        extent = (centers + half_sizes).max(axis=0) - (centers - half_sizes).min(axis=0)
+        return max(float(np.square(extent).sum()) * np.pi / 4, 1.0)
 
     def sort(self) -> bool:
         """Restore the spatial order; returns whether that was needed."""

@@ -56,6 +56,16 @@ def make_world():
     )
 
 
+def test_a_sun_counts_for_all_that_it_lights(device):
+    """Also where the scene is one mesh, whose center alone has no area."""
+    ground = shapes.quad((0, 0, 0), (500, 0, 0), (0, 0, -500))
+    scene = sv.Scene(sv.Instance(ground), sv.DirectionalLight((0, -1, 0), illuminance=10.0), sv.PointLight((0, 2, 0)))
+    with sv.PathTracer(device, scene, (8, 8)) as tracer:
+        tracer.render(samples=1)
+        lamp_power, sun_power = sorted(tracer.binder.lights.powers)
+    assert lamp_power < 1e6 < sun_power / 10 < 2e6, "1 km^2 and more"
+
+
 def draw(shaders, world):
     """The samples, by power and by the tree (2, N), and the lights' powers."""
     with bound_scene(shaders.device, world) as binder:
