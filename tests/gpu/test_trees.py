@@ -306,11 +306,14 @@ def test_refits_hold_all_triangles(device, count):
         owned.destroy()
 
 
+@pytest.mark.parametrize(("left", "stage"), [(6, 5), (3, 3)])
 @pytest.mark.parametrize("count", [1, 2, 700, 3000])
-def test_triangles_that_moved_are_sorted(device, count):
+def test_triangles_that_moved_are_sorted(device, count, left, stage):
+    """By one workgroup, and by many."""
     corners = soup("plain", count)
     _, _, cost = walk(*built(device, corners))
-    with mesh_tree(device, np.random.default_rng(1).permutation(corners)) as tree:
+    shuffled = np.random.default_rng(1).permutation(corners)
+    with halvings(left, stage), mesh_tree(device, shuffled) as tree:
         build_meshes(device, [tree])  # which leaves the box around all
         build_meshes(device, [tree], moved=True)
         found, _, of_sorted = walk(*read(tree))
@@ -425,7 +428,7 @@ def binned_cost(corners):
     return cost_of(boxes) / half_areas(whole)
 
 
-@pytest.mark.parametrize(("left", "stage"), [(5, 5), (2, 3)])
+@pytest.mark.parametrize(("left", "stage"), [(6, 5), (2, 3)])
 @pytest.mark.parametrize("kind", ["plain", "slivers", "torus"])
 def test_trees_are_as_good_as_binned_ones(device, kind, left, stage):
     """In one chunk and in many."""
@@ -471,7 +474,7 @@ def check_with_new_kernel(device):
         test_each_triangle_is_in_one_leaf(device, "shrinking", 3000)
         test_trees_are_as_good_as_binned_ones(device, "plain", 2, 3)
         test_refits_hold_all_triangles(device, 700)
-        test_triangles_that_moved_are_sorted(device, 700)
+        test_triangles_that_moved_are_sorted(device, 700, 3, 3)
     finally:
         tree_module._kernels.clear()
 

@@ -18,7 +18,7 @@ const int SEARCH_RADIUS = 12;
 const uint MAX_ROUNDS = 48u;          // in which the nearest are looked for
 const uint UNHITTABLE = 0xFFFFFFFFu;  // Cluster.parent of primitives that no ray can hit
 const uint IS_LEAF = 1u << 31;        // in Cluster.size: all of the subtree becomes one leaf
-const uint SORTING_STAGE = 0xFFFFFFFEu;
+const uint SORTING_STAGES = 1u << 31;
 const uint WRITING_STAGE = 0xFFFFFFFFu;
 
 layout(push_constant, scalar) uniform Work {
@@ -177,13 +177,13 @@ void main() {
     thread = gl_LocalInvocationIndex;
     uvec2 part = work.parts.at[gl_WorkGroupID.x];
     build = work.builds.at[part.x];
-    if (work.stage == SORTING_STAGE) {
-        sort_triangles();
-        return;
-    }
     if (work.stage == WRITING_STAGE) {
         find_chunk(build.halvings, part.y, chunk_begin, chunk_end);
         write_chunk();
+        return;
+    }
+    if (work.stage >= SORTING_STAGES) {
+        sort_triangles(work.stage - SORTING_STAGES, part.y);
         return;
     }
     uint halvings = halvings_of(work.stage), count;

@@ -42,7 +42,8 @@ MAX_GROUPS = 65535  # of one dispatch, on any device
 # left, then of the clusters of 2^STAGE_HALVINGS workgroups one does so in the next stage.
 LEFT_HALVINGS = 6  # a workgroup has a thread for each of these clusters
 STAGE_HALVINGS = 5
-SORTING_STAGE = 0xFFFFFFFE
+SORTING_STAGES = 1 << 31
+SORTING_STEPS = 30  # the stage of this number stands for all of a small tree
 WRITING_STAGE = 0xFFFFFFFF
 PART_BYTES = 8
 BUILD_DTYPE = np.dtype(
@@ -192,14 +193,27 @@ def record_parts(device: Device, commands: raw.CData, kernel: Kernel, count: int
     vk.vkCmdPipelineBarrier2(commands, full_barrier())
 
 
+def _sorting_stages(trees: NDArray[np.int64], halvings: NDArray[np.int64]) -> list[tuple[int, NDArray[np.uint32]]]:
+    """The stages that sort the primitives of these trees, and their parts: glsl/scene/trees/sort.glsl."""
+    small, large = trees[halvings == 0], trees[halvings > 0]
+    stages = []
+    if len(small):
+        stages.append((SORTING_STAGES + SORTING_STEPS, parts_of(small, np.ones_like(small))))
+    if len(large):
+        of_chunks = parts_of(large, 1 << halvings[halvings > 0])
+        of_trees = parts_of(large, np.ones_like(large))
+        # Of three steps one puts together what chunks have counted.
+        for step in range(SORTING_STEPS):
+            stages.append((SORTING_STAGES + step, of_trees if step % 3 == 1 else of_chunks))
+    return stages
+
+
 def _stages(halvings: NDArray[np.int64], is_sorted: NDArray[np.bool_]) -> list[tuple[int, NDArray[np.uint32]]]:
     """The stages of builds of trees whose primitives are halved so often into chunks, and the parts of each. is_sorted:
     whether primitives must be sorted first."""
     every = np.arange(len(halvings))
-    stages = [(0, parts_of(every, 1 << halvings))]
-    unsorted = every[is_sorted]
-    if len(unsorted):
-        stages.insert(0, (SORTING_STAGE, parts_of(unsorted, np.ones_like(unsorted))))
+    stages = _sorting_stages(every[is_sorted], halvings[is_sorted])
+    stages.append((0, parts_of(every, 1 << halvings)))
     large = every[halvings > 0]
     left = large
     while len(left):
