@@ -190,6 +190,15 @@ def test_a_million_triangles_in_one_place(any_device):
     np.testing.assert_array_equal(query, compute)
 
 
+@pytest.mark.slow
+def test_ten_million_triangles(device):
+    """Along a diagonal, so that no sorting takes longer than the build."""
+    rng = np.random.default_rng(5)
+    centers = np.sort(rng.random((10_000_000, 1, 3), np.float32), axis=0)
+    found, _, _ = walk(*built(device, centers + np.float32(1e-6) * rng.random((10_000_000, 3, 3), np.float32)))
+    assert (np.bincount(found, minlength=10_000_000) == 1).all()
+
+
 def distances(corners, count):
     """Of the hits of rays to the centers of random triangles, by queries and by compute."""
     rng = np.random.default_rng(1)
