@@ -217,25 +217,28 @@ def _count_wrong(
         connected &= (corners[hit][:, :, None] == corners[right][:, None]).all(axis=-1).any(axis=(1, 2))
     # Embree may pass beside what is hit at its edge, and rays may pass between meshes, or triangles that have no corner
     # in common, or beside a fold.
-    too_far = (t > farthest) & connected
-    few = np.flatnonzero(too_far)[:20]  # where there are more, they aren't beside folds
-    too_far[few] = _exact_t(corners, origins[few], directions[few]) < t[few] - reach
+    too_far = (t - reach / cosine > farthest) & connected
+    few = np.flatnonzero(too_far)[:20]  # where there are more, they aren't all beside folds
+    too_far[few] = [not _is_at_fold(corners, corners[right[ray]], origins[ray], directions[ray]) for ray in few]
     return int(((t < nearest) & (edge * cosine > reach)).sum() + too_far.sum())
 
 
-def _exact_t(
-    corners: NDArray[np.float64], origins: NDArray[np.float32], directions: NDArray[np.float32]
-) -> NDArray[np.float64]:
-    """t (N,) of the nearest triangle by float64 arithmetic, inf without one. Tries all."""
-    found = np.full(len(origins), np.inf)
-    for ray, (origin, direction) in enumerate(zip(origins.astype(float), directions.astype(float), strict=True)):
-        a, b, c = np.moveaxis(corners - origin, 1, 0)
-        # The signed volumes of the ray with the three sides.
-        sides = np.stack([np.cross(one, other) @ direction for one, other in ((a, b), (b, c), (c, a))])
-        inside = np.flatnonzero((sides >= 0).all(axis=0) | (sides <= 0).all(axis=0))
-        t, _ = intersect_planes(corners, inside, *(np.tile(row, (len(inside), 1)) for row in (origin, direction)))
-        found[ray] = np.min(t[t > 0], initial=np.inf)
-    return found
+def _is_at_fold(
+    corners: NDArray[np.float64], own: NDArray[np.float64], origin: NDArray[np.float32], direction: NDArray[np.float32]
+) -> bool:
+    """Whether the triangles around what a ray passes nearest to don't all face the same way: around a side of `own`
+    (3, 3), or around its corner where the ray passes that about as near."""
+    apart = np.linalg.norm(np.cross(own - origin, direction), axis=1)
+    along = np.roll(own, -1, axis=0) - own
+    # Of the ray from the line of each side.
+    across = np.cross(along, direction)
+    off = np.abs(((own - origin) * across).sum(axis=1)) / np.maximum(np.linalg.norm(across, axis=1), 1e-300)
+    side, corner = off.argmin(), apart.argmin()
+    shared = own[[corner]] if apart[corner] <= 10 * off[side] else own[[side, (side + 1) % 3]]
+    around = np.all([(corners == point).all(axis=-1).any(axis=-1) for point in shared], axis=0)
+    a, b, c = np.moveaxis(corners[around], 1, 0)
+    facing = np.cross(b - a, c - a) @ direction > 0
+    return bool(facing.any() and not facing.all())
 
 
 def _planes(

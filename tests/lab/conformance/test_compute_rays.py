@@ -54,7 +54,7 @@ BUGS = {
     ),
     "closed surface: edges": MISSES_EDGES,
     "fan: vertex": MISSES_EDGES,
-    "index of each": Bug("scene/trees/build.comp", "instance_box", "return correct(number ^ 1u, low, high);"),
+    "index of each": Bug("scene/trees/primitives.glsl", "instance_box", "return correct(number ^ 1u, low, high);"),
 }
 
 

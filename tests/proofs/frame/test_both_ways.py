@@ -245,7 +245,7 @@ BUGS_BY_COMPUTE = {
     ),
     "a leaf is read one short": changed_line("traverse", ">> LEAF_COUNT_SHIFT) + 1u;", ">> LEAF_COUNT_SHIFT);"),
     "transforms are inverted in another order": Bug(
-        "scene/trees/build.comp", "inverse_by_elimination", "return inverse(matrix);"
+        "scene/trees/primitives.glsl", "inverse_by_elimination", "return inverse(matrix);"
     ),
 }
 
