@@ -65,52 +65,136 @@ bool meets_box(TreeRay ray, vec3 low, vec3 high, float t_min, float t_max, out f
     return near <= min(far, t_max);
 }
 
-// Where a ray meets a triangle: t, and the weights of the second and third vertex. Neighbors leave no gap between
-// them: Woop, Benthin and Wald, "Watertight Ray/Triangle Intersection" (2013).
-bool meets_triangle(TreeRay ray, TreeTriangle triangle, out vec3 found, out bool front_face) {
+// A triangle as the ray sees it: x and y of its vertices where the ray is the z axis, and their depths.
+struct SeenTriangle {
+    vec2 p;
+    vec2 q;
+    vec2 r;
+    vec3 z;
+};
+
+SeenTriangle see_triangle(TreeRay ray, TreeTriangle triangle) {
     precise vec3 a = in_order(ray, triangle.a - ray.origin);
     precise vec3 b = in_order(ray, triangle.b - ray.origin);
     precise vec3 c = in_order(ray, triangle.c - ray.origin);
     precise vec2 p = a.xy - ray.shear.xy * a.z, q = b.xy - ray.shear.xy * b.z, r = c.xy - ray.shear.xy * c.z;
-    // Most triangles are missed by more than rounding: 2^-24 of each product and of their difference.
-    vec3 gains = vec3(r.x * q.y, p.x * r.y, q.x * p.y), losses = vec3(r.y * q.x, p.y * r.x, q.y * p.x);
-    vec3 edges = gains - losses, rounding = 4.0 * ROUNDING_UNIT * (abs(gains) + abs(losses));
-    if (any(lessThan(edges, -rounding)) && any(greaterThan(edges, rounding))) { return false; }
-    // Of the others the signs decide exactly which of two neighbors is hit.
-    precise dvec2 P = dvec2(p), Q = dvec2(q), R = dvec2(r);
+    return SeenTriangle(p, q, r, vec3(a.z, b.z, c.z));
+}
+
+// Where a ray meets the plane of a triangle: t, and the weights of the second and third vertex. Returns whether it does
+// so within the triangle. Neighbors leave no gap between them: Woop, Benthin and Wald, "Watertight Ray/Triangle
+// Intersection" (2013).
+bool resolve_hit(TreeRay ray, TreeTriangle triangle, out vec3 found, out bool front_face) {
+    SeenTriangle seen = see_triangle(ray, triangle);
+    // The signs decide exactly which of two neighbors is hit.
+    precise dvec2 P = dvec2(seen.p), Q = dvec2(seen.q), R = dvec2(seen.r);
     precise double u = R.x * Q.y - R.y * Q.x, v = P.x * R.y - P.y * R.x, w = Q.x * P.y - Q.y * P.x;
     bool any_below = u < 0.0 || v < 0.0 || w < 0.0, any_above = u > 0.0 || v > 0.0 || w > 0.0;
     precise double determinant = u + (v + w);
     front_face = determinant > 0.0;
-    if ((any_below && any_above) || determinant == 0.0) { return false; }
-    precise dvec3 depth = double(ray.shear.z) * dvec3(a.z, b.z, c.z);
+    precise dvec3 depth = double(ray.shear.z) * dvec3(seen.z);
     precise double t = (u * depth.x + v * depth.y) + w * depth.z;
     precise float area = float(determinant);
     found = vec3(float(t / determinant), float(v) / area, float(w) / area);
-    return true;
+    return determinant != 0.0 && !(any_below && any_above);
 }
 
-// A hit in the flat tree as the tree of its mesh would give it, so that hits don't depend on which tree an instance is
-// in: in world space, vertices and with them t are rounded otherwise.
-Hit hit_in_object_space(Hit hit, mat3x4 object_from_world, vec3 origin, vec3 direction) {
-    Mesh mesh = meshes.at[instances.at[hit.instance].ray_mesh];
-    uvec3 vertices = mesh.triangles.at[hit.triangle];
+// The same, after a test that most triangles don't pass.
+bool meets_triangle(TreeRay ray, TreeTriangle triangle, out vec3 found, out bool front_face) {
+    SeenTriangle seen = see_triangle(ray, triangle);
+    vec2 p = seen.p, q = seen.q, r = seen.r;
+    // They are missed by more than rounding: 2^-24 of each product and of their difference.
+    vec3 gains = vec3(r.x * q.y, p.x * r.y, q.x * p.y), losses = vec3(r.y * q.x, p.y * r.x, q.y * p.x);
+    vec3 edges = gains - losses, rounding = 4.0 * ROUNDING_UNIT * (abs(gains) + abs(losses));
+    if (any(lessThan(edges, -rounding)) && any(greaterThan(edges, rounding))) { return false; }
+    return resolve_hit(ray, triangle, found, front_face);
+}
+
+// The stack: what a ray has still to look at, as the children of nodes have it.
+uint waiting[STACK_SIZE];
+
+// From a child of a node to the next leaf that the ray may hit, or to what waits below the tree's on the stack. Threads
+// of a wave look at their leaves together: Aila and Laine.
+uint next_leaf(TreeRay ray, uvec2 nodes, uint next, float t_min, float t_max, inout uint top) {
+    while ((next & LEAF) == 0u) {
+        TreeNode node = TreeNodes(nodes).at[next];
+        float first, second;
+        bool meets_first = meets_box(ray, node.first_low, node.first_high, t_min, t_max, first);
+        bool meets_second = meets_box(ray, node.second_low, node.second_high, t_min, t_max, second);
+        if (meets_first && meets_second) {
+            bool second_is_nearer = second < first;
+            waiting[top++] = second_is_nearer ? node.first : node.second;
+            next = second_is_nearer ? node.second : node.first;
+        } else if (meets_first || meets_second) {
+            next = meets_first ? node.first : node.second;
+        } else {
+            next = waiting[--top];
+        }
+    }
+    return next;
+}
+
+// Which triangle of the flat tree a ray hits: where, the instance's slot or NO_INDEX, and the number in its mesh.
+struct FlatHit {
+    float t;
+    uint slot;
+    uint triangle;
+};
+
+// The closest hit in a flat tree, or the first that is found with TRACE_ANY_HIT.
+FlatHit traverse_flat(
+    uvec2 nodes, uvec2 slots, TreeRay ray, vec3 direction, float t_min, float t_max, uint mask, uint flags
+) {
+    FlatHit hit = FlatHit(t_max, NO_INDEX, 0u);
+    TreeNode entrance = TreeNodes(nodes).at[0];
+    uvec2 triangles = leaves_behind(nodes, entrance.slot_count);
+    prepare_triangles(ray, direction);
+    waiting[0] = RAY_ENDS;
+    uint top = 1u;
+    uint next = entrance.first == NO_ROOT ? RAY_ENDS : entrance.first;
+    while (true) {
+        next = next_leaf(ray, nodes, next, t_min, hit.t, top);
+        if (next == RAY_ENDS) { return hit; }
+        uint begin = next & LEAF_FIRST_MASK;
+        uint end = begin + ((next & ~LEAF) >> LEAF_COUNT_SHIFT) + 1u;
+        for (uint place = begin; place < end; place++) {
+            TreeTriangle triangle = TreeTriangles(triangles).at[place];
+            vec3 found;
+            bool front_face;
+            if (!meets_triangle(ray, triangle, found, front_face)) { continue; }
+            if (!(found.x > t_min && found.x < hit.t)) { continue; }
+            if ((TreeSlots(slots).at[triangle.slot].mask & mask) == 0u) { continue; }
+            if (flags == TRACE_FRONT_FACES) {
+                uint of_instance = TreeSlots(slots).at[triangle.slot].flags;
+                bool is_front = front_face != ((of_instance & IS_MIRRORED) != 0u);
+                if (!is_front && (of_instance & FACING_CULL_DISABLE) == 0u) { continue; }
+            }
+            hit = FlatHit(found.x, triangle.slot, triangle.number);
+            if (flags == TRACE_ANY_HIT) { return hit; }
+        }
+        next = waiting[--top];
+    }
+}
+
+// A hit in the flat tree as the tree of its mesh gives it, so that hits don't depend on which tree an instance is in:
+// in world space, vertices and with them t are rounded otherwise.
+Hit hit_in_object_space(FlatHit flat_hit, uvec2 slots, vec3 origin, vec3 direction) {
+    uint row = TreeSlots(slots).at[flat_hit.slot].row;
+    Mesh mesh = meshes.at[instances.at[row].ray_mesh];
+    uvec3 vertices = mesh.triangles.at[flat_hit.triangle];
     TreeTriangle triangle;
     triangle.a = mesh.positions.at[vertices.x];
     triangle.b = mesh.positions.at[vertices.y];
     triangle.c = mesh.positions.at[vertices.z];
     vec3 from, along, found;
-    ray_in_object_space(object_from_world, origin, direction, from, along);
+    ray_in_object_space(TreeSlots(slots).at[flat_hit.slot].object_from_world, origin, direction, from, along);
     TreeRay ray = make_tree_ray(from, along);
     prepare_triangles(ray, along);
     bool front_face;
-    // A ray that meets the triangle's edge may miss it by rounding.
-    if (meets_triangle(ray, triangle, found, front_face)) {
-        hit.t = found.x;
-        hit.barycentrics = found.yz;
-        hit.front_face = front_face;
-    }
-    return hit;
+    // What hits an edge in world space may miss it by rounding here; the weights are right up to that.
+    resolve_hit(ray, triangle, found, front_face);
+    if (!(abs(found.x) < INFINITY)) { found = vec3(flat_hit.t, vec2(1.0 / 3.0)); }  // too thin for its mesh's space
+    return Hit(found.x, row, flat_hit.triangle, found.yz, front_face);
 }
 
 // The closest hit of a ray, or the first that is found with TRACE_ANY_HIT. is_shadow: `through` becomes what blended
@@ -121,56 +205,38 @@ Hit traverse(
 ) {
     Hit hit = NO_HIT;
     uint passed_edges = 0u;
-    uint stack[STACK_SIZE];
-    stack[0] = RAY_ENDS;
-    uint top = 1u;
     TreeRay ray = make_tree_ray(origin, direction);
+    TreeNode entrance = TreeNodes(structure).at[0];
     uvec2 nodes = structure;
-    uvec2 instances_behind = leaves_behind(structure, TreeNodes(structure).at[0].slot_count);
-    uvec2 slots = slots_behind(instances_behind, TreeNodes(structure).at[0].slot_count);
-    uvec2 triangles;  // of the tree that the ray is in
-    uint tree_row, tree_flags;
-    uint hit_slot = NO_INDEX;  // of the closest hit, if it is in the flat tree
+    uvec2 instances_behind = leaves_behind(structure, entrance.slot_count);
+    uvec2 slots = slots_behind(instances_behind, entrance.slot_count);
+    FlatHit flat_hit = FlatHit(t_max, NO_INDEX, 0u);
+    if (flat_tree_of(entrance) != uvec2(0u)) {
+        flat_hit = traverse_flat(flat_tree_of(entrance), slots, ray, direction, t_min, t_max, mask, flags);
+        t_max = flat_hit.t;
+    }
+    bool ends = flags == TRACE_ANY_HIT && flat_hit.slot != NO_INDEX;
+    waiting[0] = RAY_ENDS;
+    uint top = 1u;
+    TreeInstance instance;
     bool in_mesh = false;
-    uint next = TreeNodes(nodes).at[0].first;
-    if (next == NO_ROOT) { return hit; }
+    uint next = ends || entrance.first == NO_ROOT ? RAY_ENDS : entrance.first;
     while (true) {
-        // Down to the next leaf, which threads of a wave then look at together: Aila and Laine.
-        while ((next & LEAF) == 0u) {
-            TreeNode node = TreeNodes(nodes).at[next];
-            float first, second;
-            bool meets_first = meets_box(ray, node.first_low, node.first_high, t_min, t_max, first);
-            bool meets_second = meets_box(ray, node.second_low, node.second_high, t_min, t_max, second);
-            if (meets_first && meets_second) {
-                bool second_is_nearer = second < first;
-                stack[top++] = second_is_nearer ? node.first : node.second;
-                next = second_is_nearer ? node.second : node.first;
-            } else if (meets_first || meets_second) {
-                next = meets_first ? node.first : node.second;
-            } else {
-                next = stack[--top];
-            }
-        }
+        next = next_leaf(ray, nodes, next, t_min, t_max, top);
         if (next == RAY_ENDS) { break; }
         if (next == MESH_ENDS) {
             ray = make_tree_ray(origin, direction);
             nodes = structure;
             in_mesh = false;
         } else if (!in_mesh) {
-            TreeInstance instance = TreeInstances(instances_behind).at[next & LEAF_FIRST_MASK];
+            instance = TreeInstances(instances_behind).at[next & LEAF_FIRST_MASK];
             if ((instance.mask & mask) != 0u) {
-                vec3 along = direction;
-                if (instance.row != NO_ROW) {
-                    vec3 from;
-                    ray_in_object_space(instance.object_from_world, origin, direction, from, along);
-                    ray = make_tree_ray(from, along);
-                }
+                vec3 from, along;
+                ray_in_object_space(instance.object_from_world, origin, direction, from, along);
+                ray = make_tree_ray(from, along);
                 prepare_triangles(ray, along);
-                stack[top++] = MESH_ENDS;
+                waiting[top++] = MESH_ENDS;
                 nodes = instance.nodes;
-                triangles = instance.triangles;
-                tree_row = instance.row;
-                tree_flags = instance.flags;
                 in_mesh = true;
                 next = TreeNodes(nodes).at[0].first;
                 continue;
@@ -179,48 +245,40 @@ Hit traverse(
             uint begin = next & LEAF_FIRST_MASK;
             uint end = begin + ((next & ~LEAF) >> LEAF_COUNT_SHIFT) + 1u;
             for (uint place = begin; place < end; place++) {
-                TreeTriangle triangle = TreeTriangles(triangles).at[place];
+                TreeTriangle triangle = TreeTriangles(instance.triangles).at[place];
                 vec3 found;
                 bool front_face;
                 if (!meets_triangle(ray, triangle, found, front_face)) { continue; }
                 if (!(found.x > t_min && found.x < t_max)) { continue; }
-                uint row = tree_row, instance_flags = tree_flags, slot = NO_INDEX;
-                if (row == NO_ROW) {
-                    slot = triangle.slot;
-                    if ((TreeSlots(slots).at[slot].mask & mask) == 0u) { continue; }
-                    row = TreeSlots(slots).at[slot].row;
-                    instance_flags = TreeSlots(slots).at[slot].flags;
-                    front_face = front_face != ((instance_flags & IS_MIRRORED) != 0u);
-                }
-                bool hides_back = (instance_flags & FACING_CULL_DISABLE) == 0u;
+                bool hides_back = (instance.flags & FACING_CULL_DISABLE) == 0u;
                 if (flags == TRACE_FRONT_FACES && hides_back && !front_face) { continue; }
-                if (SCENE_ALPHA && (instance_flags & FORCE_NO_OPAQUE) != 0u) {
+                if (SCENE_ALPHA && (instance.flags & FORCE_NO_OPAQUE) != 0u) {
                     vec4 filter_opacity = resolve_filter_opacity(
-                        row, triangle.number, found.yz, direction, flags == TRACE_FRONT_FACES
+                        instance.row, triangle.number, found.yz, direction, flags == TRACE_FRONT_FACES
                     );
                     if (is_shadow) {
                         if (filter_opacity.w < 1.0) {
                             if (SCENE_BLEND) {
                                 attenuate_by_surface(
-                                    through, passed_edges, filter_opacity, row, triangle.number, found.yz
+                                    through, passed_edges, filter_opacity, instance.row, triangle.number, found.yz
                                 );
                             }
                             continue;
                         }
-                    } else if (!accepts_hit(filter_opacity.w, alpha_seed, row, triangle.number, found.yz)) {
+                    } else if (!accepts_hit(filter_opacity.w, alpha_seed, instance.row, triangle.number, found.yz)) {
                         continue;
                     }
                 }
-                hit = Hit(found.x, row, triangle.number, found.yz, front_face);
+                hit = Hit(found.x, instance.row, triangle.number, found.yz, front_face);
                 if (flags == TRACE_ANY_HIT) { return hit; }
-                hit_slot = slot;
+                flat_hit.slot = NO_INDEX;
                 t_max = found.x;
             }
         }
-        next = stack[--top];
+        next = waiting[--top];
     }
-    if (hit_slot == NO_INDEX) { return hit; }
-    return hit_in_object_space(hit, TreeSlots(slots).at[hit_slot].object_from_world, origin, direction);
+    if (flat_hit.slot == NO_INDEX) { return hit; }
+    return hit_in_object_space(flat_hit, slots, origin, direction);
 }
 
 Hit trace_closest_hit(vec3 origin, float t_min, vec3 direction, float t_max, uint flags, uvec2 alpha_seed) {

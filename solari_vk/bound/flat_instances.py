@@ -1,7 +1,8 @@
-"""The tree over the triangles of all instances that never moved, for rays by compute shaders.
+"""The tree over the triangles of instances that never moved, for rays by compute shaders.
 
-Two levels of trees cost 1.2 to 2.7 times as much as one tree in world space, because boxes of instances overlap, and
-because each instance that a ray meets transforms the ray. Hits are the same: scene/trace_compute.glsl.
+Two levels of trees cost more than one tree in world space, because boxes of instances overlap, and because each
+instance that a ray meets transforms the ray. Where meshes have several instances, two levels take so much less memory
+that caches hold them; such meshes stay below instances. Hits are the same: scene/trace_compute.glsl.
 """
 
 from __future__ import annotations
@@ -18,8 +19,10 @@ from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.trees.tree import TAG_DTYPE, FlatTree, build_meshes
 from solari_vk.scene.model import Mesh
 
-# Of the tree, which takes 112 bytes for each. Meshes with the fewest instances come first.
+# Of the tree, which takes 112 bytes for each.
 MAX_TRIANGLES = 1 << 21
+# So few triangles are all in the tree; else only meshes that have one instance.
+FEW_TRIANGLES = 1 << 14
 # The tree is built again when so large a share of it has left, or so many triangles could join it.
 MAX_OUTDATED = 0.5
 
@@ -113,13 +116,14 @@ class FlatInstances:
         """The rows of the instances that fit into the tree."""
         rows = [row for row in sorted(self._placed) if self._joins(row)]
         users = Counter(self._placed[row].mesh for row in rows)
+        few = sum(self._placed[row].triangle_count for row in rows) <= FEW_TRIANGLES
         chosen = set()
         room = MAX_TRIANGLES
-        for mesh in sorted(users, key=users.__getitem__):
-            room -= users[mesh] * len(mesh.triangles)
-            if room < 0:
-                break
-            chosen.add(mesh)
+        for mesh, count in users.items():
+            size = count * len(mesh.triangles)
+            if (few or count == 1) and size <= room:
+                chosen.add(mesh)
+                room -= size
         return [row for row in rows if self._placed[row].mesh in chosen]
 
     def _triangles(self, rows: list[int], orders: Any) -> tuple[NDArray[np.float32], NDArray[Any]]:

@@ -163,6 +163,8 @@ void write_chunk() {
 void write_entrance(uint count) {
     TreeNode entrance = NO_NODE;
     entrance.slot_count = build.slot_count;
+    entrance.second = build.flat_tree.x;
+    entrance.passed = build.flat_tree.y;
     if (count > 0u) {
         Cluster whole = build.clusters.at[build.lists.at[0]];
         entrance.first_low = whole.low;

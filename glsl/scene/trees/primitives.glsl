@@ -45,7 +45,7 @@ struct TreeBuild {
     Indices indices;
     uvec2 tags;                 // TriangleTags of a flat tree, or 0
     InstanceRecords instances;  // or of a scene
-    uvec2 flat_tree;            // of the scene, or 0: it is the last one of its instances
+    uvec2 flat_tree;            // of the scene, or 0
     uvec2 nodes;                // what is made: slot_count nodes, then the leaves
     Clusters clusters;          // scratch: 2 * count
     List lists;                 // scratch: 3 * count
@@ -108,8 +108,6 @@ mat3x4 inverse_of(vec4 rows[3]) {
     return mat3x4(by_rows[0], by_rows[1], by_rows[2]);
 }
 
-bool is_flat_tree(uint number) { return build.flat_tree != uvec2(0u) && number == build.count - 1u; }
-
 bool is_invertible(vec4 rows[3]) {
     mat3x4 inverted = inverse_of(rows);
     return is_finite(inverted[0].xyz) && is_finite(inverted[1].xyz) && is_finite(inverted[2].xyz);
@@ -118,12 +116,6 @@ bool is_invertible(vec4 rows[3]) {
 // Returns whether rays can hit an instance in the tree over instances: one in the flat tree they can't, nor one without
 // a mesh or whose mesh has no triangles.
 bool instance_box(uint number, out vec3 low, out vec3 high) {
-    if (is_flat_tree(number)) {
-        TreeNode entrance = TreeNodes(build.flat_tree).at[0];
-        low = entrance.first_low;
-        high = entrance.first_high;
-        return entrance.first != NO_ROOT;
-    }
     InstanceRecord record = build.instances.at[number];
     low = high = vec3(0.0);
     if ((record.flags_and_slot & SLOT_BITS) != 0u) { return false; }
@@ -154,20 +146,13 @@ void write_triangle(uint place, uint number) {
 }
 
 void write_instance(uint place, uint number) {
+    InstanceRecord record = build.instances.at[number];
     TreeInstance made;
-    if (is_flat_tree(number)) {
-        made.nodes = build.flat_tree;
-        made.row = NO_ROW;
-        made.mask = 0xFFu;  // triangles have those of their instances
-        made.flags = 0u;
-    } else {
-        InstanceRecord record = build.instances.at[number];
-        made.object_from_world = inverse_of(record.world_from_object);
-        made.nodes = record.mesh_tree;
-        made.row = record.row_and_mask & 0xFFFFFFu;
-        made.mask = record.row_and_mask >> 24u;
-        made.flags = record.flags_and_slot >> 24u;
-    }
+    made.object_from_world = inverse_of(record.world_from_object);
+    made.nodes = record.mesh_tree;
+    made.row = record.row_and_mask & 0xFFFFFFu;
+    made.mask = record.row_and_mask >> 24u;
+    made.flags = record.flags_and_slot >> 24u;
     made.triangles = leaves_behind(made.nodes, slots_of(made.nodes));
     made.unused = 0u;
     MadeInstances(leaves_behind(build.nodes, build.slot_count)).at[place] = made;
@@ -175,7 +160,6 @@ void write_instance(uint place, uint number) {
 
 // Tells rays that meet a triangle in the flat tree about its instance.
 void write_slot(uint number) {
-    if (is_flat_tree(number)) { return; }
     InstanceRecord record = build.instances.at[number];
     uint slot = record.flags_and_slot & SLOT_BITS;
     if (slot == 0u) { return; }

@@ -1,5 +1,6 @@
-// Trees of boxes that rays traverse without the driver's acceleration structures: one over the triangles of each mesh,
-// one over those of all instances that never moved, in world space ("flat"), and one over instances above them.
+// Trees of boxes that rays traverse without the driver's acceleration structures: one over the triangles of all
+// instances that never moved, in world space ("flat"); for the others one over the triangles of each mesh, and one over
+// instances above them.
 // solari_vk/gpu/trees/ makes their memory, build.comp builds them, and scene/trace_compute.glsl traverses them.
 #ifndef SCENE_TREES_TREE_GLSL
 #define SCENE_TREES_TREE_GLSL
@@ -11,7 +12,7 @@
 // A node holds the boxes of both children, so that one load decides which of them a ray visits: Aila and Laine,
 // "Understanding the Efficiency of Ray Traversal on GPUs" (2009). A child is the slot of a node, or a leaf. Slot 0 is
 // the entrance, whose first child is the root; without a root it is NO_ROOT. It has no second child; second_low.x is
-// the cost of the tree when it was built.
+// the cost of the tree when it was built, and in a tree over instances flat_tree_of() is the address of the flat tree.
 struct TreeNode {
     vec3 first_low;
     uint first;
@@ -22,6 +23,9 @@ struct TreeNode {
     vec3 second_high;
     uint passed;      // while a refit runs: from the child that came first, else 0
 };
+
+// 0: there is none.
+uvec2 flat_tree_of(TreeNode entrance) { return uvec2(entrance.second, entrance.passed); }
 
 // A leaf's bits, from the highest: LEAF, the number of its primitives less one, and where the first of them is.
 const uint LEAF = 1u << 31;
@@ -45,13 +49,11 @@ struct TreeInstance {
     mat3x4 object_from_world;   // its columns are rows
     uvec2 nodes;                // of the mesh's tree
     uvec2 triangles;
-    uint row;                   // into `instances`; NO_ROW: this is the flat tree
+    uint row;                   // into `instances`
     uint mask;
     uint flags;                 // VkGeometryInstanceFlagsKHR
     uint unused;
 };
-
-const uint NO_ROW = 0xFFFFFFFFu;
 
 // An instance whose triangles are in the flat tree.
 struct TreeSlot {

@@ -165,8 +165,7 @@ class SceneTree(Tree):
     """
 
     def __init__(self, device: Device, max_instances: int, *, name: str = "scene") -> None:
-        # One more for the flat tree.
-        super().__init__(device, max_instances + 1, INSTANCE_BYTES + SLOT_BYTES, name)
+        super().__init__(device, max_instances, INSTANCE_BYTES + SLOT_BYTES, name)
         self.max_instances = max_instances
 
     def record_clear(self, commands: raw.CData) -> None:
@@ -322,10 +321,8 @@ class SceneBuilds:
         jobs: list[tuple[Tree, dict[str, int]]] = []
         for index, (tree, count) in enumerate(zip(trees, counts, strict=True)):
             first = instances + index * stride * record_bytes
-            read = {"instances": first, "count": count, "is_of_instances": 1}
-            if flat_tree is not None:
-                read |= {"flat_tree": flat_tree.address, "count": count + 1}
-            jobs.append((tree, read))
+            flat = 0 if flat_tree is None else flat_tree.address
+            jobs.append((tree, {"instances": first, "count": count, "flat_tree": flat, "is_of_instances": 1}))
         self._builds = TreeBuilds(device, jobs)
         self._commands = Recorded(device, self._record, "build scene trees")
 
