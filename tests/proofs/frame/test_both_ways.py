@@ -233,17 +233,14 @@ BUGS_BY_COMPUTE = {
         TRACE, "meets_triangle", "return correct(ray, triangle, found, front_face) && found.y > 0.01;"
     ),
     "faces are forgotten": Bug(
-        TRACE, "meets_triangle", "bool met = correct(ray, triangle, found, front_face); front_face = true; return met;"
+        TRACE, "resolve_hit", "bool met = correct(ray, triangle, found, front_face); front_face = true; return met;"
     ),
-    "a child is skipped": changed_line("traverse", "if (meets_first && meets_second)", "if (false)"),
-    "t isn't shortened": changed_line("traverse", "t_max = found.x;", ""),
+    "a child is skipped": changed_line("next_leaf", "if (meets_first && meets_second)", "if (false)"),
+    "t isn't shortened": changed_line("traverse_flat", "FlatHit(found.x,", "FlatHit(hit.t,"),
     "a stack of two children": changed_line(
-        "traverse",
-        "stack[top++] = second_is_nearer",
-        "if (in_mesh && stack[top - 1u] != MESH_ENDS && stack[top - 2u] != MESH_ENDS) { top--; } "
-        "stack[top++] = second_is_nearer",
+        "next_leaf", "waiting[top++] = second_is_nearer", "if (top > 2u) { top--; } waiting[top++] = second_is_nearer"
     ),
-    "a leaf is read one short": changed_line("traverse", ">> LEAF_COUNT_SHIFT) + 1u;", ">> LEAF_COUNT_SHIFT);"),
+    "a leaf is read one short": changed_line("traverse_flat", ">> LEAF_COUNT_SHIFT) + 1u;", ">> LEAF_COUNT_SHIFT);"),
     "transforms are inverted in another order": Bug(
         "scene/trees/primitives.glsl", "inverse_by_elimination", "return inverse(matrix);"
     ),
