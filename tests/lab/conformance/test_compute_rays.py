@@ -57,7 +57,7 @@ BUGS = {
     "index of each": Bug(
         TRACE,
         "hit_in_object_space",
-        "Hit hit = correct(flat_hit, slots, origin, direction); hit.instance ^= 1u; return hit;",
+        "Hit hit = correct(flat_hit, slots, origin, direction); hit.instance -= uint(hit.instance > 2u); return hit;",
     ),
 }
 
