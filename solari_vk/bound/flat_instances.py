@@ -23,7 +23,7 @@ from solari_vk.scene.model import Mesh
 MAX_TRIANGLES = 1 << 21
 # So few triangles are all in the tree; else only meshes that have one instance.
 FEW_TRIANGLES = 1 << 14
-# The tree is built again when so large a share of it has left, or so many triangles could join it.
+# The tree is built again when so large a share of what was looked at has left it, or is new.
 MAX_OUTDATED = 0.5
 
 
@@ -37,7 +37,15 @@ class Placed(NamedTuple):
     """The address of the mesh's vertices, which is another one when they were edited."""
     triangle_count: int
     joins: bool
-    """Whether it may be in the flat tree: it is visible and opaque, and its mesh doesn't move."""
+    """Whether it is visible and opaque, and its mesh doesn't move."""
+
+    @property
+    def is_suitable(self) -> bool:
+        """Whether it may be in the flat tree."""
+        if not self.joins or self.triangle_count == 0:
+            return False
+        transform = np.reshape(self.transform, (3, 4))
+        return bool(np.isfinite(transform).all() and np.linalg.det(transform[:, :3]) != 0)
 
 
 class FlatInstances:
@@ -47,24 +55,22 @@ class FlatInstances:
         self.tree: FlatTree | None = None
         self._device = device
         self._placed: dict[int, Placed] = {}
-        self._changed: set[int] = set()
+        self._suitable: set[int] = set()  # rows that have not changed and could be in the tree
         self._slots: dict[int, int] = {}
-        self._waiting: set[int] = set()  # rows that join when the tree is built again
-        self._outside = 0  # triangles of those
-        self._left = 0  # triangles in the tree of instances that aren't there any more
+        self._seen = 0  # triangles of the suitable instances when the tree was built
+        self._new: set[int] = set()  # suitable rows that came later
+        self._outdated = 0  # triangles of those, and of instances that have left the tree
 
     def place(self, row: int, now: Placed) -> int:
         """Set an instance; returns one more than its slot in the tree, or 0 if it isn't there."""
         before = self._placed.get(row)
-        if before is None:
-            self._placed[row] = now
-            if self._joins(row):
-                self._waiting.add(row)
-                self._outside += now.triangle_count
-        elif before != now:
+        if before is None and now.is_suitable:
+            self._suitable.add(row)
+            self._new.add(row)
+            self._outdated += now.triangle_count
+        elif before is not None and before != now:
             self._leave(row)
-            self._changed.add(row)
-            self._placed[row] = now
+        self._placed[row] = now
         return self._slots.get(row, -1) + 1
 
     def remove(self, row: int) -> None:
@@ -72,22 +78,15 @@ class FlatInstances:
         if row in self._placed:
             self._leave(row)
             del self._placed[row]
-            self._changed.discard(row)
-
-    def _joins(self, row: int) -> bool:
-        placed = self._placed[row]
-        if row in self._changed or not placed.joins:
-            return False
-        transform = np.reshape(placed.transform, (3, 4))
-        return bool(np.isfinite(transform).all() and np.linalg.det(transform[:, :3]) != 0)
 
     def _leave(self, row: int) -> None:
         count = self._placed[row].triangle_count
+        self._suitable.discard(row)
         if self._slots.pop(row, None) is not None:
-            self._left += count
-        elif row in self._waiting:
-            self._waiting.remove(row)
-            self._outside -= count
+            self._outdated += count
+        elif row in self._new:
+            self._new.remove(row)
+            self._outdated -= count
 
     @property
     def slots(self) -> dict[int, int]:
@@ -97,24 +96,26 @@ class FlatInstances:
     @property
     def is_outdated(self) -> bool:
         """Whether the tree should be built again."""
-        built = 0 if self.tree is None else self.tree.geometry.triangle_count
-        return self._outside + self._left > MAX_OUTDATED * built
+        return self._outdated > MAX_OUTDATED * self._seen
 
     def build(self, orders: Any) -> None:
         """Build another tree over the instances; the earlier one is the caller's to free. orders: of the triangles of
         each mesh, as they are on the device."""
         rows = self._choose()
-        corners, tags = self._triangles(rows, orders)
-        order = spatial_order(corners.min(axis=1), corners.max(axis=1))
-        self.tree = self._build(corners[order], tags[order], len(rows))
+        tree = None
+        if rows:
+            corners, tags = self._triangles(rows, orders)
+            order = spatial_order(corners.min(axis=1), corners.max(axis=1))
+            tree = self._build(corners[order], tags[order], len(rows))
+        self.tree = tree
         self._slots = {row: slot for slot, row in enumerate(rows)}
-        self._waiting.clear()
-        self._outside = 0
-        self._left = 0
+        self._seen = sum(self._placed[row].triangle_count for row in self._suitable)
+        self._new.clear()
+        self._outdated = 0
 
     def _choose(self) -> list[int]:
         """The rows of the instances that fit into the tree."""
-        rows = [row for row in sorted(self._placed) if self._joins(row)]
+        rows = sorted(self._suitable)
         users = Counter(self._placed[row].mesh for row in rows)
         few = sum(self._placed[row].triangle_count for row in rows) <= FEW_TRIANGLES
         chosen = set()
@@ -131,8 +132,8 @@ class FlatInstances:
         slots_of: dict[Mesh, list[int]] = {}
         for slot, row in enumerate(rows):
             slots_of.setdefault(self._placed[row].mesh, []).append(slot)
-        corners = [np.zeros((0, 3, 3), np.float32)]
-        tags = [np.zeros(0, TAG_DTYPE)]
+        corners = []
+        tags = []
         for mesh, slots in slots_of.items():
             transforms = np.array([self._placed[rows[slot]].transform for slot in slots]).reshape(-1, 3, 4)
             points = mesh.positions[mesh.triangles[orders[mesh]]].astype(np.float64)
@@ -149,10 +150,9 @@ class FlatInstances:
         count = len(corners)
         arrays = corners, np.arange(3 * count, dtype=np.uint32), tags
         with self._device.undone_on_error():
-            buffers = [self._device.buffer(max(array.nbytes, 16), "static triangles") for array in arrays]
+            buffers = [self._device.buffer(array.nbytes, "static triangles") for array in arrays]
             for buffer, array in zip(buffers, arrays, strict=True):
-                if count:
-                    buffer.upload(array)
+                buffer.upload(array)
             positions, indices, of_tags = (buffer.address for buffer in buffers)
             geometry = TriangleGeometry(positions, 3 * count, count, indices)
             tree = FlatTree(self._device, geometry, of_tags, instance_count)

@@ -177,8 +177,8 @@ class SceneTlas:
         self._addresses: Buffer | None = None  # of both, for shaders that traverse trees
         self._shown: tuple[int, ...] = ()  # what `_addresses` holds
         self._orders = orders
-        self._replaced: FlatTree | None = None  # the flat tree that `current` had before its next build
-        self._of_previous: FlatTree | None = None  # that of `previous`, if `current` has another one
+        self._replaced: list[FlatTree] = []  # flat trees that `current` had before its next build
+        self._of_previous: list[FlatTree] = []  # that of `previous`, if `current` has another one
         if traces_by_compute(device):
             traced.flat = FlatInstances(device)
             self._addresses = device.buffer(16, "world_structures")
@@ -219,7 +219,8 @@ class SceneTlas:
         if flat is not None and flat.is_outdated:
             replaced = self.flat_tree
             flat.build(self._orders)
-            self._replaced = self._replaced or replaced
+            if replaced is not None:
+                self._replaced.append(replaced)
             self._traced.write_slots()
             self._rebuild = True
         count = self._traced.count
@@ -259,13 +260,11 @@ class SceneTlas:
 
     def _free_flat_trees(self, keeps: bool) -> None:
         """Free those that neither structure has any more. keeps: `previous` is `current` before its latest build."""
-        if self._of_previous is not None:
-            self._of_previous.destroy()
-        self._of_previous = self._replaced
-        self._replaced = None
-        if self._of_previous is not None and not keeps:
-            self._of_previous.destroy()
-            self._of_previous = None
+        outdated = self._of_previous if keeps else self._of_previous + self._replaced
+        for tree in outdated:
+            tree.destroy()
+        self._of_previous = self._replaced if keeps else []
+        self._replaced = []
 
     def _copy_to_previous(self) -> None:
         if self.previous is None:
@@ -293,6 +292,6 @@ class SceneTlas:
 
     def destroy(self) -> None:
         owned = self._build, self._copy, self.previous, self.current, self._addresses
-        for made in (*owned, self.flat_tree, self._replaced, self._of_previous):
+        for made in (*owned, self.flat_tree, *self._replaced, *self._of_previous):
             if made is not None:
                 made.destroy()
