@@ -191,9 +191,11 @@ Hit hit_in_object_space(FlatHit flat_hit, uvec2 slots, vec3 origin, vec3 directi
     TreeRay ray = make_tree_ray(from, along);
     prepare_triangles(ray, along);
     bool front_face;
-    // What hits an edge in world space may miss it by rounding here; the weights are right up to that.
+    // What hits an edge in world space may miss it by rounding here; the weights are right up to that. Triangles that
+    // are much finer than others of their mesh may be missed by more.
     resolve_hit(ray, triangle, found, front_face);
-    if (!(abs(found.x) < INFINITY)) { found = vec3(flat_hit.t, vec2(1.0 / 3.0)); }  // too thin for its mesh's space
+    float least = min(min(found.y, found.z), 1.0 - found.y - found.z);
+    if (!(least > -0.01)) { found = vec3(flat_hit.t, vec2(1.0 / 3.0)); }
     return Hit(found.x, row, flat_hit.triangle, found.yz, front_face);
 }
 

@@ -7,6 +7,7 @@ that caches hold them; such meshes stay below instances. Hits are the same: scen
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from typing import Any, NamedTuple
 
@@ -23,6 +24,9 @@ from solari_vk.scene.model import Mesh
 MAX_TRIANGLES = 1 << 21
 # So few triangles are all in the tree; else only meshes that have one instance.
 FEW_TRIANGLES = 1 << 14
+# How far from the origin an instance may reach, in sizes of its triangles: coordinates are rounded to 2^-24 of that,
+# which would bend finer triangles.
+MAX_REACH = 1 << 14
 # The tree is built again when so large a share of what was looked at has left it, or is new.
 MAX_OUTDATED = 0.5
 
@@ -36,16 +40,33 @@ class Placed(NamedTuple):
     positions: int
     """The address of the mesh's vertices, which is another one when they were edited."""
     triangle_count: int
+    box: tuple[NDArray[np.float32], NDArray[np.float32]]
+    """The center and half the size (3,) of the mesh's bounds, in object space."""
     joins: bool
     """Whether it is visible and opaque, and its mesh doesn't move."""
 
     @property
     def is_suitable(self) -> bool:
-        """Whether it may be in the flat tree."""
+        """Whether it may be in the flat tree: it is invertible, and its triangles stay what they are in world space."""
         if not self.joins or self.triangle_count == 0:
             return False
-        transform = np.reshape(self.transform, (3, 4))
-        return bool(np.isfinite(transform).all() and np.linalg.det(transform[:, :3]) != 0)
+        a, b, c, x, d, e, f, y, g, h, i, z = self.transform
+        volume = abs(a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g))
+        center, half_size = (values.tolist() for values in self.box)
+        corner = [abs(place) + half for place, half in zip(center, half_size, strict=True)]
+        reach = max(
+            abs(x) + abs(a) * corner[0] + abs(b) * corner[1] + abs(c) * corner[2],
+            abs(y) + abs(d) * corner[0] + abs(e) * corner[1] + abs(f) * corner[2],
+            abs(z) + abs(g) * corner[0] + abs(h) * corner[1] + abs(i) * corner[2],
+        )
+        scale: float = volume ** (1 / 3)
+        triangle_size = 2 * scale * max(half_size) / math.sqrt(self.triangle_count)
+        return bool(0 < reach <= MAX_REACH * triangle_size < math.inf)
+
+    @property
+    def identity(self) -> tuple[Any, ...]:
+        """What is another one for an instance that has changed."""
+        return self.transform, self.mesh, self.positions, self.joins
 
 
 class FlatInstances:
@@ -68,7 +89,7 @@ class FlatInstances:
             self._suitable.add(row)
             self._new.add(row)
             self._outdated += now.triangle_count
-        elif before is not None and before != now:
+        elif before is not None and before.identity != now.identity:
             self._leave(row)
         self._placed[row] = now
         return self._slots.get(row, -1) + 1

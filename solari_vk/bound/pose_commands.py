@@ -43,6 +43,7 @@ class PoseCommands:
         self.stopwatch: Stopwatch | None = None
         self._kernel: Kernel | None = None
         self._scratch: tuple[Storage, int, int] | None = None  # with its address and size
+        self._tree_builds: list[TreeBuilds] = []
 
     def write(self, work: list[tuple[PosedMesh, Any, Buffer]]) -> None:
         """Write the poses that `submit` computes, one after the other: the posed meshes, their records at rest,
@@ -115,6 +116,10 @@ class PoseCommands:
             self._kernel = Kernel(self._device, "scene/deform.comp")
         builds = [(posed, not posed.rebuilds) for posed in posed_meshes if posed.blases]
         self._device.start_with_next(lambda commands: self._record(commands, posed_meshes, builds), "pose meshes")
+        # Their memory is free when what was recorded is done, which is known from here on.
+        for tree_builds in self._tree_builds:
+            tree_builds.destroy()
+        self._tree_builds.clear()
         at = clock.tick()
         for posed, update in builds:
             if not traces_by_compute(self._device):
@@ -170,9 +175,9 @@ class PoseCommands:
         fitted = [(posed.blases[posed.side], posed.blases[1 - posed.side]) for posed, update in poses if update]
         if built:
             builds = TreeBuilds(self._device, [(tree, tree.job) for tree in built])
+            self._tree_builds.append(builds)
             builds.record(commands)
             builds.mark_built()
-            builds.destroy()  # when the submission is done
         if fitted:
             self._moved_trees.record(commands, fitted)
 

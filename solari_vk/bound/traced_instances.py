@@ -92,7 +92,7 @@ class TracedRecords:
         if self.flat is not None:
             geometry = structure.geometry
             joins = visible and alpha_mode == "opaque" and not structure.moves
-            placed = Placed(tuple(transform), mesh, geometry.positions, geometry.triangle_count, joins)
+            placed = Placed(tuple(transform), mesh, geometry.positions, geometry.triangle_count, box, joins)
             flags |= self.flat.place(row, placed)
         self.table.set(index, *transform, row | mask_of(visible, alpha_mode), flags, structure.address)
 
@@ -226,8 +226,9 @@ class SceneTlas:
         count = self._traced.count
         if count <= self.current.max_instances:
             return False
+        larger = scene_structure(self._device, max(count, 2 * self.current.max_instances), "scene")
         self.current.destroy()
-        self.current = scene_structure(self._device, max(count, 2 * self.current.max_instances), "scene")
+        self.current = larger
         if self.previous is not None:
             self.previous.destroy()
             self.previous = None

@@ -19,9 +19,7 @@ struct TreeRefit {
     TreeNodes source;  // the tree that has the nodes and the order of triangles
     FittedNodes fitted;
     uint slot_count;  // of both
-    uint triangle_count;
     float growth;     // of the cost since the tree was built, which is what the host learns
-    uint unused;
 };
 
 layout(buffer_reference, scalar, buffer_reference_align = 8) buffer TreeRefits { TreeRefit at[]; };

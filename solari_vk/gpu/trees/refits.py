@@ -11,6 +11,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from solari_vk.base.errors import DeviceError
 from solari_vk.gpu.device import raw
 from solari_vk.gpu.device.barriers import host_read_barrier
 from solari_vk.gpu.device.device import Device
@@ -21,8 +22,7 @@ SLOTS = 1024  # of a tree, for each workgroup
 MAX_GROWTH = 1.5
 LATENCY = 2  # updates until the growth is read
 REFIT_DTYPE = np.dtype(
-    [(name, "<u8") for name in ("corners", "indices", "source", "fitted")]
-    + [("slot_count", "<u4"), ("triangle_count", "<u4"), ("growth", "<f4"), ("unused", "<u4")]
+    [(name, "<u8") for name in ("corners", "indices", "source", "fitted")] + [("slot_count", "<u4"), ("growth", "<f4")]
 )
 """TreeRefit of refit.comp."""
 
@@ -37,7 +37,7 @@ class TreeRefits:
         for tree, source in pairs:
             geometry = tree.geometry
             addresses = geometry.positions, geometry.indices, source.address, tree.address
-            rows.append((*addresses, tree.slot_count, geometry.triangle_count, 0, 0))
+            rows.append((*addresses, tree.slot_count, 0))
         records = np.array(rows, REFIT_DTYPE)
         slots = records["slot_count"].astype(np.int64)
         parts = parts_of(np.arange(len(pairs)), -(-slots // SLOTS))
@@ -78,6 +78,7 @@ class MovedTrees:
         self._device = device
         self._updates = 0  # with work between them: a frame may ask for several
         self._submitted = -1
+        self._bad: dict[Topology, None] = {}
         # The update of refits, and the value of the timeline when they are done.
         self._waiting: deque[tuple[int, int, TreeRefits]] = deque()
 
@@ -98,7 +99,6 @@ class MovedTrees:
             return
         self._submitted = self._device.submitted
         self._updates += 1
-        bad: dict[MeshTree, None] = {}
         while self._waiting:
             update, done, refits = self._waiting[0]
             if update + LATENCY > self._updates or done > self._device.submitted:
@@ -106,13 +106,21 @@ class MovedTrees:
             self._waiting.popleft()
             self._device.await_value(done)
             for topology, growth in zip(refits.topologies, refits.growths(), strict=True):
-                # A tree that was built since has another topology.
-                is_used = topology.newest.topology is topology and not topology.newest.destroyed
-                if growth > MAX_GROWTH and is_used:
-                    bad[topology.newest] = None
+                if growth > MAX_GROWTH:
+                    self._bad[topology] = None
             refits.destroy()
-        if bad:
-            build_meshes(self._device, list(bad), moved=True)
+        # A tree that was built since has another topology.
+        bad = [one.newest for one in self._bad if one.newest.topology is one and not one.newest.destroyed]
+        self._bad = {tree.topology: None for tree in bad}
+        if not bad:
+            return
+        try:
+            build_meshes(self._device, bad, moved=True)
+        except DeviceError:
+            if self._device.lost or self._device.closed:
+                raise
+            return  # rays are right as they are, and the next update tries it again
+        self._bad = {}
 
     def destroy(self) -> None:
         """Free the records of refits."""

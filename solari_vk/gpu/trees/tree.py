@@ -149,7 +149,7 @@ class FlatTree(MeshTree):
     """
 
     def __init__(self, device: Device, geometry: TriangleGeometry, tags: int, instance_count: int) -> None:
-        super().__init__(device, geometry, "of static instances")
+        super().__init__(device, geometry, "static instances")
         self.instance_count = instance_count
         self._tags = tags
 
@@ -232,7 +232,7 @@ class TreeBuilds:
     def __init__(self, device: Device, jobs: Sequence[tuple[Tree, dict[str, int]]]) -> None:
         self._device = device
         self.trees = [tree for tree, _ in jobs]
-        counts = [read["count"] for _, read in jobs]
+        counts = [max(read["count"], 1) for _, read in jobs]  # chunks of nothing write their length too
         halvings = [(max(count - 1, 0) >> LEFT_HALVINGS + STAGE_HALVINGS).bit_length() for count in counts]
         records = np.zeros(len(jobs), BUILD_DTYPE)
         records["halvings"] = halvings

@@ -6,6 +6,7 @@ import importlib.util
 from contextlib import ExitStack
 from itertools import pairwise
 from pathlib import Path
+from unittest import mock
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ from support.scenes import bent_joints, tube
 from support.seeded_bugs import GLSL, Bug, expect_noticed, seeded
 
 import solari_vk as sv
+from solari_vk.bound import flat_instances
 from solari_vk.gpu.device.rays import RAYS
 from solari_vk.gpu.trees import tree
 from solari_vk.lab.measure.portals import window_room
@@ -201,11 +203,33 @@ def hits_of_placed_instances(device):
         scene.add(sv.Instance(mesh=ball, material=sv.Material(), transform=placed))
     with sv.RayTracer(device, scene) as tracer:
         hits = tracer.trace(rng.uniform(-6, 6, (20_000, 3)), rng.normal(size=(20_000, 3)))
+        is_flat = device.rays == "compute" and flat_instances.MAX_TRIANGLES > 0
+        assert (getattr(tracer.binder.tlas, "flat_tree", None) is not None) == is_flat
     assert 0.3 < np.isfinite(hits["t"]).mean() < 0.7
     return hits
 
 
-@pytest.mark.parametrize("traced", [animated_hits, hits_of_placed_instances])
+def hits_in_two_levels(device):
+    """The same without a tree of static instances."""
+    with mock.patch.object(flat_instances, "MAX_TRIANGLES", 0):
+        return hits_of_placed_instances(device)
+
+
+def hits_of_fine_meshes(device):
+    """Balls of 5 cm with triangles of a millimeter, up to a kilometer from the origin, and a ground."""
+    rng = np.random.default_rng(2)
+    scene = sv.Scene(sv.Instance(mesh=sv.shapes.plane(10), material=sv.Material()))
+    scene.origin = 0, 0, 0
+    centers = np.array([(1, 0, 0), (30, 2, 1), (-7, 100, 3), (5, 400, -1000)])
+    for center in centers:
+        scene.add(sv.Instance(mesh=sv.shapes.sphere(0.05, 64), material=sv.Material(), position=center))
+    aims = centers[rng.integers(0, len(centers), 20_000)] + rng.uniform(-0.05, 0.05, (20_000, 3))
+    directions = rng.normal(size=aims.shape)
+    with sv.RayTracer(device, scene) as tracer:
+        return tracer.trace(aims - directions, directions)
+
+
+@pytest.mark.parametrize("traced", [animated_hits, hits_of_placed_instances, hits_in_two_levels, hits_of_fine_meshes])
 def test_hits_by_compute_are_those_of_queries(devices, traced):
     query, compute = (traced(devices[way]) for way in ("query", "compute"))
     assert [name for name in query.dtype.names if query[name].tobytes() != compute[name].tobytes()] == []
@@ -241,6 +265,10 @@ BUGS_BY_COMPUTE = {
         "next_leaf", "waiting[top++] = second_is_nearer", "if (top > 2u) { top--; } waiting[top++] = second_is_nearer"
     ),
     "a leaf is read one short": changed_line("traverse_flat", ">> LEAF_COUNT_SHIFT) + 1u;", ">> LEAF_COUNT_SHIFT);"),
+    "in two levels, t isn't shortened": changed_line("traverse", "t_max = found.x;", ""),
+    "in two levels, a leaf is read one short": changed_line(
+        "traverse", ">> LEAF_COUNT_SHIFT) + 1u;", ">> LEAF_COUNT_SHIFT);"
+    ),
     "transforms are inverted in another order": Bug(
         "scene/trees/primitives.glsl", "inverse_by_elimination", "return inverse(matrix);"
     ),
@@ -256,6 +284,7 @@ def test_a_seeded_bug_is_noticed(devices, by_queries, name):
     tree._kernels.clear()  # which know shaders without the bug
     check = test_hits_by_compute_are_those_of_queries
     try:
-        expect_noticed(BUGS_BY_COMPUTE[name], name, check, devices, hits_of_placed_instances)
+        traced = hits_in_two_levels if name.startswith("in two levels") else hits_of_placed_instances
+        expect_noticed(BUGS_BY_COMPUTE[name], name, check, devices, traced)
     finally:
         tree._kernels.clear()
