@@ -103,6 +103,8 @@ def test_worlds_of_transforms_json(tmp_path):
     np.testing.assert_allclose(read(pose)[0].transform, world, atol=1e-12)
     with pytest.raises(SolariError, match="left-handed, which would mirror the picture"):
         read(pose * (-1, 1, 1, 1))
+    with np.errstate(all="raise"), pytest.raises(SolariError, match=r"axes of the lengths \[.*0\.0"):
+        read(pose * (1, 0, 1, 1))
     for wrong in (None, 2, np.eye(3), np.diag((1, 1, -1, 1)), np.diag((1, 2, 1, 1)), np.zeros((4, 4)), 2 * np.eye(4)):
         content["applied_transform"] = wrong.tolist() if isinstance(wrong, np.ndarray) else wrong
         with pytest.raises(SolariError, match="applied_transform isn't a rotation"):
