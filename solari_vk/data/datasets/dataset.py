@@ -128,7 +128,7 @@ def _poses_of_nerf(content: dict[str, Any], path: Path, aspect: float) -> list[d
                 matrix = np.vstack([matrix, (0, 0, 0, 1)])
             world = np.linalg.solve(applied, matrix)
             lengths = np.linalg.norm(world[:3, :3], axis=0)
-            if not (0 < lengths.min() and lengths.max() < np.inf):  # also for NaN
+            if not (lengths.min() > 0 and lengths.max() < np.inf):  # also for NaN
                 raise ValueError(f"frame {len(poses)}: transform_matrix has axes of the lengths {lengths.tolist()}")
             world[:3, :3] /= lengths
             if not is_rotation(world[:3, :3]):
