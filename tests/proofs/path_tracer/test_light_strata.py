@@ -106,7 +106,11 @@ test_a_seeded_bug_is_noticed = bug_tests(
         ),
         "lights at infinity by power among all": (
             lambda device: check_strategies(device, "lamps, the sun and the sky"),
-            Bug(TREE, "choose_leaf_at_infinity", "return choose_leaf(NO_RECEIVER, rng);"),
+            Bug(
+                TREE,
+                "choose_leaf_at_infinity",
+                "uint row = choose_leaf(rng); return ChosenLeaf(row, light_leaves.at[row].by_power.probability);",
+            ),
         ),
         "one stratum": (
             lambda device: check_hidden_lamps(device, (), HIDDEN),
