@@ -8,7 +8,7 @@ uint nearest_at() { return list_at(2u); }
 
 // The number of a primitive in spatial order, which the third list has until clusters are merged.
 uint number_at(uint place) {
-    return build.is_sorted != 0u ? build.lists.at[nearest_at() + place] : chunk_begin + place;
+    return build.sorts_first != 0u ? build.lists.at[nearest_at() + place] : chunk_begin + place;
 }
 
 // Makes a cluster of each primitive that rays can hit; returns their number. Their list is the first one.

@@ -54,7 +54,7 @@ struct TreeBuild {
     uint is_of_instances;
     uint keeps_all;             // triangles that no ray can hit too, since they may move
     uint halvings;              // of all primitives into chunks
-    uint is_sorted;             // by the stage before the first one
+    uint sorts_first;           // stages before the first one bring primitives into spatial order
 };
 
 layout(buffer_reference, scalar, buffer_reference_align = 8) readonly buffer TreeBuilds { TreeBuild at[]; };

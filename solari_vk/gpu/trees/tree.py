@@ -48,7 +48,7 @@ WRITING_STAGE = 0xFFFFFFFF
 PART_BYTES = 8
 BUILD_DTYPE = np.dtype(
     [(name, "<u8") for name in ("corners", "indices", "tags", "instances", "flat_tree", "nodes", "clusters", "lists")]
-    + [(name, "<u4") for name in ("count", "slot_count", "is_of_instances", "keeps_all", "halvings", "is_sorted")]
+    + [(name, "<u4") for name in ("count", "slot_count", "is_of_instances", "keeps_all", "halvings", "sorts_first")]
 )
 """TreeBuild of build.comp."""
 
@@ -207,11 +207,11 @@ def _sorting_stages(trees: NDArray[np.int64], halvings: NDArray[np.int64]) -> li
     return stages
 
 
-def _stages(halvings: NDArray[np.int64], is_sorted: NDArray[np.bool_]) -> list[tuple[int, NDArray[np.uint32]]]:
-    """The stages of builds of trees whose primitives are halved so often into chunks, and the parts of each. is_sorted:
-    whether primitives must be sorted first."""
+def _stages(halvings: NDArray[np.int64], sorts_first: NDArray[np.bool_]) -> list[tuple[int, NDArray[np.uint32]]]:
+    """The stages of builds of trees whose primitives are halved so often into chunks, and the parts of each.
+    sorts_first: whether primitives must be sorted first."""
     every = np.arange(len(halvings))
-    stages = _sorting_stages(every[is_sorted], halvings[is_sorted])
+    stages = _sorting_stages(every[sorts_first], halvings[sorts_first])
     stages.append((0, parts_of(every, 1 << halvings)))
     large = every[halvings > 0]
     left = large
@@ -236,8 +236,8 @@ class TreeBuilds:
         halvings = [(max(count - 1, 0) >> LEFT_HALVINGS + STAGE_HALVINGS).bit_length() for count in counts]
         records = np.zeros(len(jobs), BUILD_DTYPE)
         records["halvings"] = halvings
-        records["is_sorted"] = [read.get("is_sorted", 0) for _, read in jobs]
-        self._stages = _stages(records["halvings"].astype(np.int64), records["is_sorted"] > 0)
+        records["sorts_first"] = [read.get("sorts_first", 0) for _, read in jobs]
+        self._stages = _stages(records["halvings"].astype(np.int64), records["sorts_first"] > 0)
         parts = np.concatenate([parts for _, parts in self._stages])
         names = ", ".join(tree.name for tree in self.trees[:3]) + (", ..." if len(jobs) > 3 else "")
         with device.undone_on_error():
@@ -293,7 +293,7 @@ def build_meshes(
 
 
 def _submit(device: Device, trees: Sequence[MeshTree], moved: bool) -> None:
-    builds = TreeBuilds(device, [(tree, tree.job | {"is_sorted": int(moved)}) for tree in trees])
+    builds = TreeBuilds(device, [(tree, tree.job | {"sorts_first": int(moved)}) for tree in trees])
     device.start(builds.record, "build trees")
     builds.mark_built()
     builds.destroy()

@@ -19,6 +19,7 @@ from PIL import Image
 
 from solari_vk.base.errors import DeviceError, SolariError
 from solari_vk.cli import main
+from solari_vk.studio.browser import stream
 from solari_vk.studio.browser.hub import MAX_PAGES, MAX_VIEWS, Hub
 from solari_vk.studio.browser.pace import IN_FLIGHT, LEVELS, Pace
 from solari_vk.studio.browser.server import is_loopback, listen
@@ -199,14 +200,15 @@ def test_frames_shrink_on_slow_lines_and_grow_on_quick_ones():
     assert not pace.ready
 
 
-def test_the_first_frame_is_small_and_the_last_without_loss():
+def test_the_first_frame_is_small_and_the_last_without_loss(monkeypatch):
+    # On a busy machine this line is as slow as one that gets no lossless pictures.
+    monkeypatch.setattr(stream, "LOSSLESS_RATE", 0.0)
+
     async def check():
         maker = FakeScreens(size=(640, 360))
         async with serving(maker) as site:
             client = await site.open("a")
             await client.settle()
-            # Where frames come slowly, the finished one is sent small first.
-            await client.until(lambda client: client.bytes[-1].startswith(b"\x89PNG"))
             first, last = (Image.open(io.BytesIO(client.bytes[n])) for n in (0, -1))
             assert (first.size, first.format) == ((160, 90), "JPEG")
             assert (last.size, last.format) == ((640, 360), "PNG")
