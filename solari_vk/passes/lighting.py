@@ -16,16 +16,18 @@ def stages(
     grid: tuple[int, int] = (1, 1),
     worlds: int = 1,
     has_absorption: bool = False,
+    traces_apart: bool = False,
 ) -> list[Stage]:
     """The stages that compute and denoise the light of a frame, in order; the last one adds it up. grid: columns and
-    rows of views, which show so many worlds. has_absorption: whether solids in them absorb light."""
+    rows of views, which show so many worlds. has_absorption: whether solids in them absorb light.
+    traces_apart: as in `paths.stage`."""
     scratch: Mapping[str, str] = {}
     views = math.prod(grid)
     if settings.lighting == "split":
         light = solari019.stages(size, settings)
     else:
         cache = world_cache.paths_stage(size, settings, worlds)
-        light = [cache, paths.stage(size, settings, views)]
+        light = [cache, paths.stage(size, settings, views, traces_apart)]
         scratch = paths.SCRATCH
     return [
         paths.medium_stage(views, has_absorption),

@@ -13,11 +13,13 @@ SCRATCH = {"sample_radiance": "paths_states", "error": "paths_ray_queues"}
 """Results of later stages that alias buffers of this one, since all paths are traced by then."""
 MIN_TIMED_SAMPLES = 2  # with frame_ms a pixel may take this many paths, whatever the settings say
 SHORT_HISTORY = 8.0  # frames of history from which one path is enough
-WAVES = 3  # dispatches over the paths that go on after their first rays; the last one traces them to their ends
+WAVES = 4  # dispatches that trace rays: those of all paths, then of the paths that go on, the last one to their ends
 
 
-def stage(size: tuple[int, int], settings: Settings, views: int) -> Stage:
+def stage(size: tuple[int, int], settings: Settings, views: int, traces_apart: bool = False) -> Stage:
     """The light of the diffuse and of the specular lobe, demodulated, each with a distance in meters.
+
+    traces_apart: a pass of its own traces the rays of each wave, which is faster on GPUs that trace by compute shaders.
 
     Inputs: `camera_media`, `gbuffer*`, `depth`, `*_table`, `brdf_averages`, `world_cache_*`; the length of the history,
     `denoise_guides` and `denoise_diffuse`; with restir `motion_vectors`, `previous_*`.
@@ -37,7 +39,8 @@ def stage(size: tuple[int, int], settings: Settings, views: int) -> Stage:
     if has_frame_ms:
         passes.append(Pass("paths/choose_pixels", threads=size, constants=sample_counts))
     for sample in range(max_samples):
-        passes += _waves(size, sample, has_frame_ms, brdf | sample_counts | {"paths_reuse": settings.restir})
+        constants = brdf | sample_counts | {"paths_reuse": settings.restir}
+        passes += _waves(size, sample, has_frame_ms, traces_apart, constants)
     buffers = {
         **dict.fromkeys(("paths_diffuse", "paths_specular", "paths_states"), pixels),
         "paths_ray_queues": 2 * pixels,  # the paths that go on, of this wave and of the next
@@ -47,6 +50,7 @@ def stage(size: tuple[int, int], settings: Settings, views: int) -> Stage:
         "paths_short_histories": pixels if max_samples > 1 else 1,
         "paths_chosen": pixels if has_frame_ms else 1,
         "paths_reservoir_candidates": pixels if settings.restir else 1,
+        "paths_traced": pixels if traces_apart else 1,
     }
     if settings.restir:
         # Reuse between frames, then between neighbors: Lin et al., "Generalized Resampled Importance Sampling" (2022).
@@ -54,6 +58,14 @@ def stage(size: tuple[int, int], settings: Settings, views: int) -> Stage:
         passes.append(Pass("paths/temporal", threads=size, constants=brdf))
         passes.append(Pass("paths/spatial_and_shade", threads=size, constants=brdf))
     return Stage("paths", buffers=buffers, passes=passes)
+
+
+def traces_apart(rays: str, kind: str) -> bool:
+    """Whether a pass of its own traces the rays of paths on a device of a kind, such as "cpu", that traces by `rays`.
+
+    A GPU runs the fewer threads at a time the more registers a shader needs, and one that shades needs many.
+    """
+    return rays == "compute" and kind != "cpu"
 
 
 def medium_stage(views: int, has_absorption: bool) -> Stage:
@@ -67,8 +79,10 @@ def medium_stage(views: int, has_absorption: bool) -> Stage:
     return Stage("camera_medium", buffers={"camera_media": IfUsed(views)}, passes=passes)
 
 
-def _waves(size: tuple[int, int], sample: int, chooses_pixels: bool, constants: dict[str, int | bool]) -> list[Pass]:
-    """The passes over one path of each pixel, or of each that takes so many: first rays, then those of the rest.
+def _waves(
+    size: tuple[int, int], sample: int, chooses_pixels: bool, traces_apart: bool, constants: dict[str, int | bool]
+) -> list[Pass]:
+    """The passes over one path of each pixel, or of each that takes so many.
 
     Few paths are long. A pass that traced whole paths would keep the threads of the others waiting (Laine, Karras and
     Aila, "Megakernels Considered Harmful", 2013), so each wave is a dispatch over the list of the paths that are left.
@@ -77,12 +91,17 @@ def _waves(size: tuple[int, int], sample: int, chooses_pixels: bool, constants: 
     for wave in range(WAVES + 1):
         begin = {"pixels_are_chosen": chooses_pixels, "sample_index": sample, "wave_index": wave}
         passes.append(Pass("paths/next_wave", threads=GROUP_SIZE, constants=begin))
-        if wave > 0:
-            passes.append(Pass("paths/later_rays", indirect="paths_wave", constants=constants))
-        elif sample == 0 and not chooses_pixels:  # all pixels take a first path
-            passes.append(Pass("paths/first_ray", threads=size, constants=constants))
-        else:
-            passes.append(Pass("paths/first_ray", indirect="paths_wave", constants=constants))
+        # In waves 0 and 1 without a choice, all pixels take a first path.
+        all_pixels = wave <= 1 and sample == 0 and not chooses_pixels
+        over = {"threads": size} if all_pixels else {"indirect": "paths_wave"}
+        if wave == 0:
+            passes.append(Pass("paths/start", constants=constants, **over))
+            continue
+        if traces_apart:
+            timed = {"max_timed_samples": constants["max_timed_samples"]}
+            passes.append(Pass("paths/trace", constants=timed, **over))
+        traced = {"rays_are_traced": traces_apart, "traces_none": traces_apart and wave < WAVES}
+        passes.append(Pass("paths/shade", constants=constants | traced, **over))
     return passes
 
 

@@ -20,7 +20,7 @@ from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.frame.frame import Frame, Stage
 from solari_vk.gpu.tensors.exports import CudaTensor
 from solari_vk.output.tone_mapping import TONEMAPS
-from solari_vk.passes import display, gbuffer, guides, lighting, solari019, taa
+from solari_vk.passes import display, gbuffer, guides, lighting, paths, solari019, taa
 from solari_vk.passes.debug_views import DEBUG_VIEWS, PICTURE, check_view, views_of
 from solari_vk.passes.first_hits import FIRST_HITS
 from solari_vk.passes.many_views import tiled, upload_rows
@@ -209,11 +209,12 @@ class Renderer(RendererBase):
         picture = tiled(picture, grid)
         # Only ReSTIR of paths asks whether a reused sample was visible in the previous frame.
         self.binder.keep_previous_tlas(self, settings.lighting == "paths" and settings.restir)
+        traces_apart = paths.traces_apart(self.device.rays, self.device.properties.kind)
         # The frame, from top to bottom. Each stage names the files of its shaders, and what goes in and out.
         stages = [
             gbuffer.stage(size, settings, instances, self.gbuffer, bool(LOBES & self.binder.features)),
             guides.stage(size, settings),
-            *lighting.stages(size, settings, grid, self._world_count, ABSORPTION in self.binder.features),
+            *lighting.stages(size, settings, grid, self._world_count, ABSORPTION in self.binder.features, traces_apart),
             taa.stage(picture, size, grid),
             display.show_stage(picture, lighting.debug_view_pass(settings.lighting)),
             gbuffer.last_stage(instances),

@@ -5,7 +5,7 @@
 
 #extension GL_EXT_scalar_block_layout : require
 
-#include "passes/paths/per_lobe.glsl"
+#include "passes/paths/shadow_ray.glsl"
 #include "passes/rows.glsl"  // IndirectDispatch
 #include "scene/medium.glsl"
 
@@ -22,23 +22,39 @@ layout(set = 1, scalar) buffer RawRadianceBlock { vec3 at[]; } raw_radiance;
 // result `frame["error"]`.
 layout(set = 1, scalar) buffer ErrorBlock { float at[]; } error;
 
-// A path that waits for its next ray, packed by passes/paths/path_state.glsl. What passes/paths/later_rays.comp can
-// compute again is left out.
+// A path whose next rays are chosen and not yet traced: passes/paths/path_state.glsl. What the pixel tells is left out.
 struct PathState {
     uint rng;
-    uint flags;  // bounce | delta_bounces << 8 | wavelength << 16 | DIFFUSE_AT_X2 | SPECULAR_ONLY
-    PerLobe attenuated_first_weight;  // path.first_weight times the transmittance of the first ray
+    uint flags;  // bounce | delta_bounces << 8 | wavelength << 16 | IS_DIFFUSE | HAS_RAY; 0: the pixel has no path
+    PerLobe attenuated_first_weight;  // path.first_weight times the transmittance of the first ray, once that is traced
     vec3 throughput;
+    vec3 origin;
     vec3 direction;
-    uint instance;
-    uint triangle;
-    vec2 barycentrics;
+    float mis_pdf;
+    vec3 receiver_position;
+    vec3 receiver_normal;
     float sum_of_inverse_pdfs;
     float footprint;
     float cone_width;
     Medium medium;
+    ShadowRay shadow_ray;
+    uvec3 light_sample;
 };
 layout(set = 1, scalar) buffer PathsStatesBlock { PathState at[]; } paths_states;  // by pixel
+
+// What the rays of a path have met, where a pass of its own traces them: passes/paths/trace.comp.
+struct TracedState {
+    uint rng;
+    vec3 visibility;
+    float t;
+    uint instance;
+    uint triangle;
+    vec2 barycentrics;
+    vec4 transmittance;  // RayTransmittance
+    vec3 light_along_ray;
+    vec3 light_along_ray_over_probability;
+};
+layout(set = 1, scalar) buffer PathsTracedBlock { TracedState at[]; } paths_traced;  // by pixel
 // Ray queues of the indices of pixels whose paths wait: one of waves with even index, then one of waves with odd index.
 // Each view has a part of its own, so that a workgroup's rays are in one world, the scene that the view shows.
 layout(set = 1, scalar) buffer PathsRayQueuesBlock { uint at[]; } paths_ray_queues;

@@ -19,12 +19,11 @@ uvec4 pack_light_point(uint light_index, uint part, vec2 u) { return uvec4(light
 // pass-through light in the list of lights, else the surface that it hits, else one of the strategies that sample its
 // direction to infinity (suns, environments, portals), chosen by its share of the luminance.
 uvec4 hit_light_point(inout Path path) {
-    bool hits = path.hit.instance != NO_INDEX;  // then path.vertex is x2, otherwise still x1
-    vec3 origin = hits ? path.vertex.position - path.hit.t * path.walk.direction : path.vertex.origin;
+    bool hits = path.hit.instance != NO_INDEX;
     for (uint i = scene_info.first_pass_through_light; HAS_PASS_THROUGH_LIGHTS
         && i < scene_info.first_light_at_infinity; i++) {
         LightSource light = light_sources.at[i];
-        LightHit light_hit = intersect_light(light.kind, light.record_index, origin, path.walk.direction, path.hit.t);
+        LightHit light_hit = intersect_light(light.kind, light.record_index, path.walk.origin, path.walk.direction, path.hit.t);
         if (light_hit.inverse_solid_angle_pdf > 0.0) { return pack_light_point(i, 0u, light_hit.u); }
     }
     if (hits) {
@@ -40,19 +39,19 @@ uvec4 hit_light_point(inout Path path) {
         float probability = light_probability_by_power(light), emitted_luminance = luminance(light_hit.radiance);
         float map_pdf = probability / light_hit.inverse_solid_angle_pdf, pdf_sum = map_pdf;
         if (SCENE_PORTAL && light.kind == LIGHT_ENVIRONMENT) {
-            pdf_sum += sum_portal_pdfs(path.vertex.position, path.walk.direction, NO_INDEX);
+            pdf_sum += sum_portal_pdfs(path.receiver.position, path.walk.direction, NO_INDEX);
         }
         float weight = emitted_luminance * strategy_weight(map_pdf, 1.0, pdf_sum, path.walk.mis_pdf);
         if (choose_weighted(sum, weight, path.rng)) { point = pack_light_point(i, light_hit.part, light_hit.u); }
         uint end = SCENE_PORTAL && light.kind == LIGHT_ENVIRONMENT ? portal_end() : 0u;
         for (uint j = scene_info.first_portal_record; j < end; j++) {
-            float portal_pdf = evaluate_portal_pdf(j, path.vertex.position, path.walk.direction);
+            float portal_pdf = evaluate_portal_pdf(j, path.receiver.position, path.walk.direction);
             if (!(portal_pdf > 0.0)) { continue; }
             weight = emitted_luminance * strategy_weight(
-                portal_pdf, portal_choice_ratio(j, receiver(path.vertex)), pdf_sum, path.walk.mis_pdf
+                portal_pdf, portal_choice_ratio(j, path.receiver), pdf_sum, path.walk.mis_pdf
             );
             if (choose_weighted(sum, weight, path.rng)) {
-                vec2 u = invert_portal_sample(j, path.vertex.position, path.walk.direction);
+                vec2 u = invert_portal_sample(j, path.receiver.position, path.walk.direction);
                 point = pack_light_point(portal_light(j), 0u, u);
             }
         }
@@ -85,8 +84,8 @@ PerLobe write_candidate(inout Path path, uint index, float perceptual_roughness)
     if (rand_f(path.rng) * weight_sum < light_hit_luminance) {
         candidate.light = hit_light_point(path);
     } else {
-        uint rng = path.direct_sample.seed;
-        candidate.light = pack_light_point(path.direct_sample.light_index, path.direct_sample.part, rand_vec2f(rng));
+        uint rng = path.light_sample.seed;
+        candidate.light = pack_light_point(path.light_sample.light_index, path.light_sample.part, rand_vec2f(rng));
     }
     if (candidate.light.x == NO_INDEX) { candidate.light_resampling_weight = 0.0; }
     candidate.instance = path.hit.instance;

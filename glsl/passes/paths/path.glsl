@@ -1,11 +1,13 @@
 // A path through the scene. Its first vertex (x1 in papers) is the surface that the pixel shows, from the G-buffer; the
-// first ray leads from there to the second vertex (x2). It ends in the world cache, where a ray hits nothing, by
-// Russian roulette, or at the bounce limit. MIS by the power heuristic (Veach 1997). Without world cache and
+// first ray leads from there to the second vertex (x2). At each vertex `choose_rays` chooses two rays, one to a light
+// and one that leads on, `trace_rays` traces both, and `arrive` makes the next vertex. A path ends in the world cache,
+// where a ray hits nothing, by Russian roulette, or at the bounce limit. MIS by the power heuristic (Veach 1997). Without world cache and
 // regularization, the mean is that of the reference path tracer. Solari in Bevy 0.20 traces such paths.
 #ifndef PASSES_PATHS_PATH_GLSL
 #define PASSES_PATHS_PATH_GLSL
 
 #include "common/random.glsl"
+#include "passes/paths/shadow_ray.glsl"
 #include "passes/paths/vertex.glsl"  // and scene/walk.glsl: the walk along rays, and media
 #include "passes/ray_count.glsl"
 #include "passes/world_cache/query.glsl"  // and map.glsl: get_cell_size
@@ -21,6 +23,9 @@ layout(constant_id = paths_reuse_id) const bool paths_reuse = false;
 
 struct Path {
     Vertex vertex;                // the current one, from which the next ray leaves
+    Receiver receiver;            // the vertex that the last ray left
+    ShadowRay shadow_ray;         // that leaves it too
+    bool has_ray;                 // whether `walk` leads on from there
     Walk walk;                    // along the last ray; its throughput is without `first_weight`
     Hit hit;                      // of the last ray
     bool specular_only;           // the next direction is of the specular lobe: the world cache gave the diffuse light
@@ -38,7 +43,7 @@ struct Path {
     // is added to this, or to `radiance`.
     vec3 reusable_radiance;
     bool diffuse_at_x2;
-    LightSample direct_sample;    // with reuse, the light sample at the first vertex
+    LightSample light_sample;     // of the shadow ray
     PerLobe direct;               // what the first vertex reflects of it, without `direct_transmittance`
     vec3 direct_transmittance;    // of surfaces
     bool first_ray_is_diffuse;    // whether the first ray was sampled from the diffuse lobe
@@ -65,6 +70,7 @@ Path start_path(uint rng) {
     path.walk.delta_path_from_camera = true;
     path.hit = NO_HIT;
     path.hit.t = 0.0;  // unknown: no ray is traced yet
+    path.has_ray = false;
     path.first_medium = NO_MEDIUM;
     path.specular_only = false;
     path.bounce = path.delta_bounces = 0u;
@@ -74,7 +80,7 @@ Path start_path(uint rng) {
     path.first_along_ray = NO_LIGHT_ALONG_RAY;
     path.direct_transmittance = vec3(1.0);
     path.diffuse_at_x2 = false;
-    path.direct_sample = LightSample(NO_INDEX, 0u, 0u);
+    path.light_sample = LightSample(NO_INDEX, 0u, 0u);
     path.first_ray_is_diffuse = true;
     path.sum_of_inverse_pdfs = path.footprint = 0.0;
     path.cache_lifetime = world_cache_settings.lifetime;
@@ -170,9 +176,15 @@ bool look_up_world_cache(inout Path path, SurfaceInteraction surface) {
     return true;
 }
 
-// Samples a light and the next direction at the path's vertex, and traces the next ray. Returns whether it has hit a
-// surface; else the path has ended.
-bool trace_next_ray(inout Path path) {
+ShadowRay make_shadow_ray(Vertex vertex, RisLightSample chosen) {
+    vec3 origin = ray_origin(vertex, chosen.wi);
+    ResolvedLightSample seen = shadow_sample_for_receiver(chosen.resolved, origin);
+    float t_max = is_at_infinity(seen.kind) ? INFINITY : 1.0;
+    return ShadowRay(origin, segment_to_light(origin, seen), t_max, chosen.contribution);
+}
+
+// Chooses a light sample and the next direction at the path's vertex.
+void choose_rays(inout Path path) {
     if (path.specular_only) { path.vertex.brdf = without_diffuse_lobe(path.vertex.brdf); }
     path.specular_only = false;
     Brdf brdf = path.vertex.brdf;
@@ -183,13 +195,17 @@ bool trace_next_ray(inout Path path) {
         path.lobe_u = rand_f(path.rng);
         path.u = rand_vec2f(path.rng);
     }
+    path.receiver = receiver(path.vertex);
+    path.shadow_ray.contribution = ZERO_LOBES;
     float probability = nee_probability(brdf);
     float expected_candidates = probability * float(candidates);  // for each BRDF sample, as MIS counts them
-    RisLightSample ris_sample;
-    ris_sample.contribution = ZERO_LOBES;
     if (rand_f(path.rng) < probability) {
-        ris_sample = sample_light_by_ris(path.vertex, candidates, expected_candidates, path.rng);
-        ris_sample.contribution = scale(ris_sample.contribution, path.walk.throughput / probability);
+        RisLightSample chosen = sample_light_by_ris(path.vertex, candidates, expected_candidates, path.rng);
+        chosen.contribution = scale(chosen.contribution, path.walk.throughput / probability);
+        if (max_component(sum(chosen.contribution)) > 0.0) {
+            path.shadow_ray = make_shadow_ray(path.vertex, chosen);
+            path.light_sample = chosen.light_sample;
+        }
     }
 
     BrdfSample next = sample_brdf(brdf, path.vertex.wo, path.lobe_u, path.u);
@@ -206,7 +222,7 @@ bool trace_next_ray(inout Path path) {
         next.weight = path.diffuse_at_x2 ? weights.diffuse / diffuse_probability
             : weights.specular / (1.0 - diffuse_probability);
     }
-    bool goes_on = scatter(path.walk, next, path.vertex.frame, path.vertex.geometric_normal, path.vertex.lift,
+    bool valid = scatter(path.walk, next, path.vertex.frame, path.vertex.geometric_normal, path.vertex.lift,
         path.vertex.below);
     path.walk.origin = ray_origin(path.vertex, path.walk.direction);
     path.walk.mis_pdf = expected_candidates > 0.0 ? next.pdf / expected_candidates : INFINITY;
@@ -214,31 +230,56 @@ bool trace_next_ray(inout Path path) {
     path.bounce += 1u;
     path.delta_bounces += next.pdf == INFINITY && path.delta_bounces < MAX_DELTA_BOUNCES ? 1u : 0u;
     float survival_probability = max_component(sum(apply_first_weight(path, path.walk.throughput)));
-    goes_on = goes_on && survives(path.walk, survival_probability, path.bounce, path.rng);
+    path.has_ray = valid && survives(path.walk, survival_probability, path.bounce, path.rng);
+}
 
-    if (max_component(sum(ris_sample.contribution)) > 0.0) {
+// What the rays of a vertex have met.
+struct TracedRays {
+    vec3 visibility;  // of the light sample: the transmittance of surfaces
+    Segment segment;
+};
+
+bool has_shadow_ray(Path path) { return max_component(sum(path.shadow_ray.contribution)) > 0.0; }
+
+// Whether a path has rays to trace.
+bool is_waiting(Path path) { return path.has_ray || has_shadow_ray(path); }
+
+TracedRays trace_rays(inout Path path) {
+    TracedRays traced = TracedRays(vec3(0.0), Segment(NO_HIT, FULL_TRANSMITTANCE, NO_LIGHT_ALONG_RAY, 0u));
+    if (has_shadow_ray(path)) {
         count_ray();
-        vec3 from = ray_origin(path.vertex, ris_sample.wi);
-        vec3 transmittance = trace_shadow_ray(from, ris_sample.resolved);
-        if (transmittance != vec3(0.0)) {
-            if (first) {
-                path.direct = ris_sample.contribution;
-                path.direct_transmittance = transmittance;
-                path.direct_sample = ris_sample.light_sample;
-            } else if (path.bounce == 2u) {  // the light sample is of x2
-                add_light(path, ris_sample.contribution.diffuse * transmittance, true);
-                add_light(path, ris_sample.contribution.specular * transmittance, false);
-            } else {
-                add_light(path, sum(ris_sample.contribution) * transmittance, path.diffuse_at_x2);
-            }
-        }
+        ShadowRay ray = path.shadow_ray;
+        traced.visibility = trace_transmittance(ray.origin, ray.direction, ray.t_max);
     }
-    if (!goes_on) { return false; }
+    if (path.has_ray) {
+        traced.segment = trace_segment(path.walk, path.receiver, path.rng);
+        count_rays(traced.segment.rays);
+    }
+    return traced;
+}
 
-    Segment segment = trace_segment(path.walk, receiver(path.vertex), path.rng);
-    count_rays(segment.rays);
+// Adds what the light sample sends.
+void add_light_sample(inout Path path, vec3 visibility) {
+    if (visibility == vec3(0.0)) { return; }
+    PerLobe contribution = path.shadow_ray.contribution;
+    if (path.bounce == 1u) {
+        path.direct = contribution;
+        path.direct_transmittance = visibility;
+    } else if (path.bounce == 2u) {  // the light sample is of x2
+        add_light(path, contribution.diffuse * visibility, true);
+        add_light(path, contribution.specular * visibility, false);
+    } else {
+        add_light(path, sum(contribution) * visibility, path.diffuse_at_x2);
+    }
+}
+
+// Adds the light that rays have found. Returns whether the path has hit a surface; else it has ended.
+bool add_rays(inout Path path, TracedRays traced) {
+    add_light_sample(path, traced.visibility);
+    if (!path.has_ray) { return false; }
+    Segment segment = traced.segment;
     path.hit = segment.hit;
-    if (first) {
+    if (path.bounce == 1u) {
         path.first_along_ray = segment.along_ray;
         path.first_transmittance = segment.transmittance;
         segment.along_ray = NO_LIGHT_ALONG_RAY;
@@ -250,31 +291,27 @@ bool trace_next_ray(inout Path path) {
         }
     }
     vec3 emitted = vec3(0.0);
-    bool hits = accumulate_segment(path.walk, segment, receiver(path.vertex), emitted);
+    bool hits = accumulate_segment(path.walk, segment, path.receiver, emitted);
     add_light(path, emitted, path.diffuse_at_x2);
-    if (!hits) { return false; }
-    path.footprint += sqrt(path.sum_of_inverse_pdfs) * path.hit.t;
-    return true;
+    path.footprint += hits ? sqrt(path.sum_of_inverse_pdfs) * path.hit.t : 0.0;
+    return hits;
 }
 
-// Moves the path to the surface that its last ray has hit. Returns whether it goes on. `resumed`: the path was here
-// when it was stored, and only its vertex is made again, without adding light or throughput a second time.
-bool arrive(inout Path path, bool resumed) {
-    vec3 throughput = path.walk.throughput;
+// Moves the path to the surface that its last ray has hit. Returns whether it goes on.
+bool arrive(inout Path path) {
     SurfaceInteraction surface = arrive_at_surface(path.walk, path.hit);
-    if (paths_reuse && SCENE_ABSORPTION && !resumed && path.bounce == 1u) { path.walk.medium = path.first_medium; }
+    if (paths_reuse && SCENE_ABSORPTION && path.bounce == 1u) { path.walk.medium = path.first_medium; }
     remove_straight_transmission(path.hit, path.walk.direction, surface.material, path.walk.throughput);
-    if (resumed) {
-        path.walk.throughput = throughput;  // which has these factors already
-    } else {
-        float light_pdf = hit_light_pdf(receiver(path.vertex), path.hit, surface, path.walk.direction);
-        add_light(path, emitted_light(path.walk, surface, light_pdf), path.diffuse_at_x2);
-    }
+    float light_pdf = hit_light_pdf(path.receiver, path.hit, surface, path.walk.direction);
+    add_light(path, emitted_light(path.walk, surface, light_pdf), path.diffuse_at_x2);
     make_path_vertex(path, surface);
-    return resumed || look_up_world_cache(path, surface) && path.bounce < paths_settings.bounces + path.delta_bounces;
+    return look_up_world_cache(path, surface) && path.bounce < paths_settings.bounces + path.delta_bounces;
 }
 
 // Moves the path to the next vertex. Returns false when the path has ended.
-bool advance(inout Path path) { return trace_next_ray(path) && arrive(path, false); }
+bool advance(inout Path path) {
+    choose_rays(path);
+    return add_rays(path, trace_rays(path)) && arrive(path);
+}
 
 #endif
