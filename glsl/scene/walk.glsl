@@ -193,7 +193,8 @@ SurfaceInteraction arrive_at_surface(inout Walk walk, Hit hit) {
     walk.cone_width += walk.cone_spread * hit.t;
     walk.throughput *= transmittance(walk.medium, hit.t);
     SurfaceInteraction surface = resolve_surface_interaction(hit, walk.direction, walk.cone_width);
-    if (SCENE_LARGE) { move_to_ray(surface, walk.origin, hit.t * walk.direction); }
+    // A path that was stored has forgotten where its ray began.
+    if (SCENE_LARGE && hit.t > 0.0) { move_to_ray(surface, walk.origin, hit.t * walk.direction); }
     return surface;
 }
 

@@ -2,24 +2,28 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 from solari_vk.gpu.frame.stages import IfUsed, Pass, Stage
 from solari_vk.gpu.shaders.headers import constants
 from solari_vk.passes.rows import GROUP_SIZE
 from solari_vk.settings import Settings
 from solari_vk.settings.layering import brdf_constants
 
+Constants = dict[str, Any]  # values of specialization constants, by name
+
 RESERVOIRS = ("paths_temporal_reservoirs", "paths_reservoirs")
 SCRATCH = {"sample_radiance": "paths_states", "error": "paths_ray_queues"}
 """Results of later stages that alias buffers of this one, since all paths are traced by then."""
 MIN_TIMED_SAMPLES = 2  # with frame_ms a pixel may take this many paths, whatever the settings say
 SHORT_HISTORY = 8.0  # frames of history from which one path is enough
-WAVES = 4  # dispatches that trace rays: those of all paths, then of the paths that go on, the last one to their ends
+WAVES = 3  # dispatches over the paths that go on after their first rays; the last one traces them to their ends
 
 
 def stage(size: tuple[int, int], settings: Settings, views: int, traces_apart: bool = False) -> Stage:
     """The light of the diffuse and of the specular lobe, demodulated, each with a distance in meters.
 
-    traces_apart: a pass of its own traces the rays of each wave, which is faster on GPUs that trace by compute shaders.
+    traces_apart: passes of their own trace the rays of paths (`traces_apart`).
 
     Inputs: `camera_media`, `gbuffer*`, `depth`, `*_table`, `brdf_averages`, `world_cache_*`; the length of the history,
     `denoise_guides` and `denoise_diffuse`; with restir `motion_vectors`, `previous_*`.
@@ -39,8 +43,7 @@ def stage(size: tuple[int, int], settings: Settings, views: int, traces_apart: b
     if has_frame_ms:
         passes.append(Pass("paths/choose_pixels", threads=size, constants=sample_counts))
     for sample in range(max_samples):
-        constants = brdf | sample_counts | {"paths_reuse": settings.restir}
-        passes += _waves(size, sample, has_frame_ms, traces_apart, constants)
+        passes += _waves(size, sample, traces_apart, brdf | {"paths_reuse": settings.restir}, sample_counts)
     buffers = {
         **dict.fromkeys(("paths_diffuse", "paths_specular", "paths_states"), pixels),
         "paths_ray_queues": 2 * pixels,  # the paths that go on, of this wave and of the next
@@ -50,8 +53,10 @@ def stage(size: tuple[int, int], settings: Settings, views: int, traces_apart: b
         "paths_short_histories": pixels if max_samples > 1 else 1,
         "paths_chosen": pixels if has_frame_ms else 1,
         "paths_reservoir_candidates": pixels if settings.restir else 1,
-        "paths_traced": pixels if traces_apart else 1,
+        "paths_rays": pixels if traces_apart else 1,
     }
+    if traces_apart:
+        buffers["paths_hits"] = pixels
     if settings.restir:
         # Reuse between frames, then between neighbors: Lin et al., "Generalized Resampled Importance Sampling" (2022).
         buffers |= dict.fromkeys(RESERVOIRS, pixels)
@@ -61,7 +66,7 @@ def stage(size: tuple[int, int], settings: Settings, views: int, traces_apart: b
 
 
 def traces_apart(rays: str, kind: str) -> bool:
-    """Whether a pass of its own traces the rays of paths on a device of a kind, such as "cpu", that traces by `rays`.
+    """Whether passes of their own trace the rays of paths on a device of a kind, such as "cpu", that traces by `rays`.
 
     A GPU runs the fewer threads at a time the more registers a shader needs, and one that shades needs many.
     """
@@ -80,28 +85,31 @@ def medium_stage(views: int, has_absorption: bool) -> Stage:
 
 
 def _waves(
-    size: tuple[int, int], sample: int, chooses_pixels: bool, traces_apart: bool, constants: dict[str, int | bool]
+    size: tuple[int, int], sample: int, traces_apart: bool, shading: Constants, sample_counts: Constants
 ) -> list[Pass]:
-    """The passes over one path of each pixel, or of each that takes so many.
+    """The passes over one path of each pixel, or of each that takes so many: first rays, then those of the rest.
 
     Few paths are long. A pass that traced whole paths would keep the threads of the others waiting (Laine, Karras and
     Aila, "Megakernels Considered Harmful", 2013), so each wave is a dispatch over the list of the paths that are left.
     """
     passes = []
+    timed = {"max_timed_samples": sample_counts["max_timed_samples"]}
+    chooses_pixels = timed["max_timed_samples"] > 0
+    constants = shading | sample_counts
     for wave in range(WAVES + 1):
         begin = {"pixels_are_chosen": chooses_pixels, "sample_index": sample, "wave_index": wave}
         passes.append(Pass("paths/next_wave", threads=GROUP_SIZE, constants=begin))
-        # In waves 0 and 1 without a choice, all pixels take a first path.
-        all_pixels = wave <= 1 and sample == 0 and not chooses_pixels
-        over = {"threads": size} if all_pixels else {"indirect": "paths_wave"}
+        all_pixels = wave == 0 and sample == 0 and not chooses_pixels  # take a first path
+        over: dict[str, Any] = {"threads": size} if all_pixels else {"indirect": "paths_wave"}
         if wave == 0:
-            passes.append(Pass("paths/start", constants=constants, **over))
-            continue
-        if traces_apart:
-            timed = {"max_timed_samples": constants["max_timed_samples"]}
+            passes.append(Pass("paths/first_ray", constants=constants | {"traces_apart": traces_apart}, **over))
+        elif wave == WAVES or not traces_apart:
+            passes.append(Pass("paths/later_rays", constants=constants, **over))
+        else:
+            passes.append(Pass("paths/choose", constants=shading | timed, **over))
+        if traces_apart and wave < WAVES:
             passes.append(Pass("paths/trace", constants=timed, **over))
-        traced = {"rays_are_traced": traces_apart, "traces_none": traces_apart and wave < WAVES}
-        passes.append(Pass("paths/shade", constants=constants | traced, **over))
+            passes.append(Pass("paths/arrive", constants=constants, **over))
     return passes
 
 

@@ -1,7 +1,7 @@
 // Begins a wave: sets its indirect dispatch, which has a layer for each view, with as many threads as the longest queue
-// has paths. Waves 0 and 1 start paths and trace their first rays: for sample 0 with frame_ms those of the pixels of
-// choose_pixels.comp, for further samples those of pixels with a short history. Without frame_ms those of sample 0 are
-// direct dispatches over all pixels.
+// has paths. Wave 0 traces first rays: for sample 0 with frame_ms those of choose_pixels.comp's pixels, for further
+// samples those of pixels with a short history. Without frame_ms those of sample 0 are a direct dispatch over all
+// pixels.
 #version 460
 #include "passes/views.glsl"
 #include "passes/paths/bindings.glsl"  // and passes/rows.glsl: make_indirect_squares
@@ -23,10 +23,10 @@ void main() {
         queue.queued = 0u;
         if (wave_index == 0u && sample_index == 0u) { queue.short_history_count = 0u; }
         paths_queues.at[view] = queue;
-        atomicMax(most, wave_index <= 1u ? queue.short_history_count : queue.count);
+        atomicMax(most, wave_index == 0u ? queue.short_history_count : queue.count);
     }
     if (pixels_are_chosen && sample_index == 0u && gl_LocalInvocationIndex == 0u) {
-        if (wave_index <= 1u) { atomicMax(most, paths_chosen.count); } else { paths_chosen.count = 0u; }
+        if (wave_index == 0u) { atomicMax(most, paths_chosen.count); } else { paths_chosen.count = 0u; }
     }
     barrier();
     if (gl_LocalInvocationIndex != 0u) { return; }

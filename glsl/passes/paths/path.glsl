@@ -241,9 +241,6 @@ struct TracedRays {
 
 bool has_shadow_ray(Path path) { return max_component(sum(path.shadow_ray.contribution)) > 0.0; }
 
-// Whether a path has rays to trace.
-bool is_waiting(Path path) { return path.has_ray || has_shadow_ray(path); }
-
 TracedRays trace_rays(inout Path path) {
     TracedRays traced = TracedRays(vec3(0.0), Segment(NO_HIT, FULL_TRANSMITTANCE, NO_LIGHT_ALONG_RAY, 0u));
     if (has_shadow_ray(path)) {
@@ -297,21 +294,27 @@ bool add_rays(inout Path path, TracedRays traced) {
     return hits;
 }
 
-// Moves the path to the surface that its last ray has hit. Returns whether it goes on.
-bool arrive(inout Path path) {
+// Moves the path to the surface that its last ray has hit. Returns whether it goes on. `resumed`: the path was here
+// when it was stored, and only its vertex is made again, without adding light or throughput a second time.
+bool arrive(inout Path path, bool resumed) {
+    vec3 throughput = path.walk.throughput;
     SurfaceInteraction surface = arrive_at_surface(path.walk, path.hit);
-    if (paths_reuse && SCENE_ABSORPTION && path.bounce == 1u) { path.walk.medium = path.first_medium; }
+    if (paths_reuse && SCENE_ABSORPTION && !resumed && path.bounce == 1u) { path.walk.medium = path.first_medium; }
     remove_straight_transmission(path.hit, path.walk.direction, surface.material, path.walk.throughput);
-    float light_pdf = hit_light_pdf(path.receiver, path.hit, surface, path.walk.direction);
-    add_light(path, emitted_light(path.walk, surface, light_pdf), path.diffuse_at_x2);
+    if (resumed) {
+        path.walk.throughput = throughput;  // which has these factors already
+    } else {
+        float light_pdf = hit_light_pdf(path.receiver, path.hit, surface, path.walk.direction);
+        add_light(path, emitted_light(path.walk, surface, light_pdf), path.diffuse_at_x2);
+    }
     make_path_vertex(path, surface);
-    return look_up_world_cache(path, surface) && path.bounce < paths_settings.bounces + path.delta_bounces;
+    return resumed || look_up_world_cache(path, surface) && path.bounce < paths_settings.bounces + path.delta_bounces;
 }
 
 // Moves the path to the next vertex. Returns false when the path has ended.
 bool advance(inout Path path) {
     choose_rays(path);
-    return add_rays(path, trace_rays(path)) && arrive(path);
+    return add_rays(path, trace_rays(path)) && arrive(path, false);
 }
 
 #endif

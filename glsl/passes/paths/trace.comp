@@ -1,5 +1,5 @@
-// Traces the rays of each path that waits, for shade.comp. Without shading, a shader that traverses trees itself has few
-// registers, so that many more of its threads run at a time.
+// Traces the rays that paths have chosen. A shader that traverses trees itself waits for memory most of the time, and
+// with few registers, as this one has, a GPU runs many threads meanwhile.
 #version 460
 #include "passes/paths/path_state.glsl"
 
@@ -10,6 +10,8 @@ void main() {
     uint index;
     if (!find_waiting_path(pixel, index)) { return; }
     Path path = load_path_state(index);
+    load_path_rays(path, index);
     TracedRays traced = trace_rays(path);
-    store_traced_rays(traced, path.rng, index);
+    store_traced_rays(traced, index);
+    paths_states.at[index].rng = path.rng;
 }

@@ -1,13 +1,14 @@
-// Starts a path of each pixel at the surface that the pixel shows: chooses its light sample and its first direction.
+// Starts a path of each pixel at the surface that the pixel shows: next event estimation and the first ray.
 #version 460
 #include "common/pixel.glsl"
 #include "common/sobol.glsl"
 #include "passes/bindings.glsl"  // and passes/views.glsl: find_pixel, choose_view, element_index
-#include "passes/gbuffer/gbuffer.glsl"
-#include "passes/paths/path_state.glsl"
-#include "passes/paths/reservoir.glsl"
+#include "passes/paths/pixel.glsl"
 
 layout(local_size_x = 8, local_size_y = 8) in;
+
+// Whether trace.comp traces the rays that are chosen here, and arrive.comp goes on.
+layout(constant_id = traces_apart_id) const bool traces_apart = false;
 
 const uint PASS_SALT = 0x3F84D5B5u, SAMPLE_SALT = 0x9E3779B9u;
 
@@ -38,7 +39,7 @@ void main() {
     uint sample_index = paths_wave.sample_index, index;
     uvec2 pixel;
     if (!find_pixel_of_path(sample_index, pixel, index)) { return; }
-    paths_states.at[index].flags = 0u;
+    if (traces_apart) { paths_states.at[index].flags = NO_PATH_STATE; }
     uint samples = samples_per_pixel(index);
     if (max_timed_samples > 0u && sample_index >= samples) { return; }
     if (sample_index == 0u) {
@@ -52,6 +53,13 @@ void main() {
     if (!surface.exists) { return; }
     Path path = start_path(pixel, surface, sample_index);
     choose_rays(path);
-    // reservoirs need a candidate of each pixel
-    if (paths_reuse || is_waiting(path)) { store_path_state(path, index); }
+    bool waits = traces_apart;
+    if (traces_apart) {
+        store_path_rays(path, index);
+    } else {
+        waits = add_rays(path, trace_rays(path)) && arrive(path, false);
+        add_to_pixel(path, pixel, index);
+        if (waits) { queue_path(index, 1u); }
+    }
+    if (waits) { store_path_state(path, index); }
 }

@@ -1,0 +1,20 @@
+// Adds the light that the rays of trace.comp have found, and moves each path to the surface that its ray has hit.
+#version 460
+#include "passes/paths/pixel.glsl"
+
+layout(local_size_x = 8, local_size_y = 8) in;
+
+void main() {
+    uvec2 pixel;
+    uint index;
+    if (!find_waiting_path(pixel, index)) { return; }
+    Path path = load_path_state(index);
+    load_path_rays(path, index);
+    path.walk.cone_spread = make_camera_ray(vec2(pixel) + 0.5).cone_spread;
+    bool goes_on = add_rays(path, load_traced_rays(index)) && arrive(path, false);
+    add_to_pixel(path, pixel, index);
+    if (goes_on) {
+        store_path_state(path, index);
+        queue_path(index, paths_wave.index + 1u);
+    }
+}

@@ -1,0 +1,40 @@
+// Adding the light of a path to its pixel.
+#ifndef PASSES_PATHS_PIXEL_GLSL
+#define PASSES_PATHS_PIXEL_GLSL
+
+#include "passes/gbuffer/gbuffer.glsl"
+#include "passes/demodulation.glsl"
+#include "passes/paths/candidate.glsl"
+#include "passes/paths/path_state.glsl"
+
+// The light that the path adds to its pixel now, where reservoirs don't get it.
+PerLobe light_for_pixel(inout Path path, uint index, float perceptual_roughness) {
+    if (!paths_reuse) { return path_light(path); }
+    if (path.bounce == 1u) { return write_candidate(path, index, perceptual_roughness); }
+    PerLobe light = path_light(path);
+    paths_reservoir_candidates.at[index].radiance += path.reusable_radiance;
+    // 0 only for a delta lobe (write_candidate), since the first ray has hit a surface
+    bool delta = paths_reservoir_candidates.at[index].path_contribution_weight == 0.0;
+    if (delta || !reuses_specular(perceptual_roughness)) {
+        light.specular += apply_first_weight(path, path.reusable_radiance).specular;
+    }
+    return light;
+}
+
+// Adds what the path has found, after its first ray or after later ones.
+void add_to_pixel(inout Path path, uvec2 pixel, uint index) {
+    GBufferSurface surface = load_gbuffer(pixel);
+    bool first = path.bounce == 1u;
+    PerLobe light = light_for_pixel(path, index, surface.material.base.perceptual_roughness);
+    Demodulation albedo = demodulation(surface);
+    float share = 1.0 / float(samples_per_pixel(index));
+    vec4 diffuse = paths_diffuse.at[index], specular = paths_specular.at[index];
+    diffuse.rgb += share * light.diffuse / albedo.diffuse;
+    specular.rgb += share * light.specular / albedo.specular;
+    if (first && path.first_ray_is_diffuse && !(diffuse.w > 0.0)) { diffuse.w = path.hit.t; }
+    if (first && !path.first_ray_is_diffuse && !(specular.w > 0.0)) { specular.w = path.hit.t; }
+    paths_diffuse.at[index] = diffuse;
+    paths_specular.at[index] = specular;
+}
+
+#endif
