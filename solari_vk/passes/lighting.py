@@ -26,7 +26,7 @@ def stages(
     if settings.lighting == "split":
         light = solari019.stages(size, settings)
     else:
-        cache = world_cache.paths_stage(size, settings, worlds)
+        cache = world_cache.paths_stage(size, settings, worlds, traces_apart)
         light = [cache, paths.stage(size, settings, views, traces_apart)]
         scratch = paths.SCRATCH
     return [

@@ -17,6 +17,7 @@ SCRATCH = {"sample_radiance": "paths_states", "error": "paths_ray_queues"}
 """Results of later stages that alias buffers of this one, since all paths are traced by then."""
 MIN_TIMED_SAMPLES = 2  # with frame_ms a pixel may take this many paths, whatever the settings say
 SHORT_HISTORY = 8.0  # frames of history from which one path is enough
+WAVES_APART = 6  # those whose rays passes of their own trace, before a last one
 WAVES = 3  # dispatches over the paths that go on after their first rays; the last one traces them to their ends
 
 
@@ -96,18 +97,19 @@ def _waves(
     timed = {"max_timed_samples": sample_counts["max_timed_samples"]}
     chooses_pixels = timed["max_timed_samples"] > 0
     constants = shading | sample_counts
-    for wave in range(WAVES + 1):
+    waves = WAVES_APART if traces_apart else WAVES
+    for wave in range(waves + 1):
         begin = {"pixels_are_chosen": chooses_pixels, "sample_index": sample, "wave_index": wave}
         passes.append(Pass("paths/next_wave", threads=GROUP_SIZE, constants=begin))
         all_pixels = wave == 0 and sample == 0 and not chooses_pixels  # take a first path
         over: dict[str, Any] = {"threads": size} if all_pixels else {"indirect": "paths_wave"}
         if wave == 0:
             passes.append(Pass("paths/first_ray", constants=constants | {"traces_apart": traces_apart}, **over))
-        elif wave == WAVES or not traces_apart:
+        elif wave == waves or not traces_apart:
             passes.append(Pass("paths/later_rays", constants=constants, **over))
         else:
             passes.append(Pass("paths/choose", constants=shading | timed, **over))
-        if traces_apart and wave < WAVES:
+        if traces_apart and wave < waves:
             passes.append(Pass("paths/trace", constants=timed, **over))
             passes.append(Pass("paths/arrive", constants=constants, **over))
     return passes

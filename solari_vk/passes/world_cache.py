@@ -15,6 +15,8 @@ CELLS_OF_PIXEL = 16
 FEWEST_CELLS = 1 << 16
 FEWEST_CELLS_OF_WORLD = 1 << 12
 LARGEST_CELL_BYTES = 16  # of a cell in one buffer
+PATHS_APART = 1 << 16  # from cells whose rays passes of their own trace, 290 bytes each
+WAVES_APART = 3
 DISPATCH = "world_cache_dispatch"  # the workgroup counts of passes over active cells
 FRAME_BUFFERS = (DISPATCH, "world_cache_counters")
 CELL_BUFFERS = (
@@ -43,13 +45,24 @@ def most_worlds(largest_buffer: int) -> int:
     return 1 << (cells // FEWEST_CELLS_OF_WORLD).bit_length() - 1
 
 
-def paths_stage(size: tuple[int, int], settings: Settings, worlds: int = 1) -> Stage:
-    """The cache with cells that are sampled by paths; fewer cells for small pictures, more for many worlds."""
+def paths_stage(size: tuple[int, int], settings: Settings, worlds: int = 1, traces_apart: bool = False) -> Stage:
+    """The cache with cells that are sampled by paths; fewer cells for small pictures, more for many worlds.
+
+    traces_apart: as in `paths.stage`.
+    """
     # Paths of a small picture ask for few cells, and passes over the whole map take time with its size.
     cells = max(1 << (CELLS_OF_PIXEL * size[0] * size[1] - 1).bit_length(), FEWEST_CELLS)
-    sample = Pass("world_cache/sample", indirect=DISPATCH, constants=brdf_constants(settings))
+    brdf = brdf_constants(settings)
+    samples = [Pass("world_cache/sample", indirect=DISPATCH, constants=brdf | {"traces_apart": traces_apart})]
+    for wave in range(WAVES_APART if traces_apart else 0):
+        last = {"is_last_wave": wave == WAVES_APART - 1}
+        samples.append(Pass("world_cache/trace", indirect=DISPATCH))
+        samples.append(Pass("world_cache/arrive", indirect=DISPATCH, constants=brdf | last))
     fewest = FEWEST_CELLS_OF_WORLD * parts(worlds) if worlds > 1 else 0
-    return stage(max(min(settings.world_cache_cells, cells), fewest), [sample])
+    cells = max(min(settings.world_cache_cells, cells), fewest)
+    made = stage(cells, samples)
+    made.buffers["world_cache_paths"] = min(cells, PATHS_APART) if traces_apart else 1
+    return made
 
 
 def stage(cells: int, samples: Sequence[Pass]) -> Stage:

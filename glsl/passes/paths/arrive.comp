@@ -8,10 +8,9 @@ void main() {
     uvec2 pixel;
     uint index;
     if (!find_waiting_path(pixel, index)) { return; }
-    Path path = load_path_state(index);
-    load_path_rays(path, index);
+    Path path = unpack_path(paths_states.at[index], paths_rays.at[index]);
     path.walk.cone_spread = make_camera_ray(vec2(pixel) + 0.5).cone_spread;
-    bool goes_on = add_rays(path, load_traced_rays(index)) && arrive(path, false);
+    bool goes_on = add_rays(path, unpack_hit(paths_hits.at[index])) && arrive(path, false);
     add_to_pixel(path, pixel, index);
     if (goes_on) {
         store_path_state(path, index);

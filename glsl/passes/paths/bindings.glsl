@@ -5,9 +5,8 @@
 
 #extension GL_EXT_scalar_block_layout : require
 
-#include "passes/paths/shadow_ray.glsl"
+#include "passes/paths/stored_path.glsl"
 #include "passes/rows.glsl"  // IndirectDispatch
-#include "scene/medium.glsl"
 
 // rgb: radiance of a lobe, demodulated at the pixel's surface. w: its hit distance, the length of the first ray
 // (infinite without a hit) of the pixel's first path that sampled its direction from this lobe; 0 if none did; NO_PATH
@@ -22,45 +21,9 @@ layout(set = 1, scalar) buffer RawRadianceBlock { vec3 at[]; } raw_radiance;
 // result `frame["error"]`.
 layout(set = 1, scalar) buffer ErrorBlock { float at[]; } error;
 
-// A path that waits at a vertex, packed by passes/paths/path_state.glsl. What can be computed again is left out.
-struct PathState {
-    uint rng;
-    uint flags;  // bounce | delta_bounces << 8 | wavelength << 16 | IS_DIFFUSE | SPECULAR_ONLY
-    PerLobe attenuated_first_weight;  // path.first_weight times the transmittance of the first ray
-    vec3 throughput;
-    vec3 direction;
-    uint instance;
-    uint triangle;
-    vec2 barycentrics;
-    float sum_of_inverse_pdfs;
-    float footprint;
-    float cone_width;
-    Medium medium;
-};
 layout(set = 1, scalar) buffer PathsStatesBlock { PathState at[]; } paths_states;  // by pixel
-
-// Where a pass of its own traces the rays of paths, passes/paths/trace.comp: the rays that a path has chosen, and what
-// they have met. By pixel.
-struct PathRays {
-    uint has_ray;  // 0: the shadow ray alone
-    vec3 origin;   // of the ray in the path's direction
-    float mis_pdf;
-    vec3 receiver_position;
-    vec3 receiver_normal;
-    ShadowRay shadow_ray;
-    uvec3 light_sample;
-};
+// Where passes of their own trace: what paths have chosen, and what that has met. By pixel.
 layout(set = 1, scalar) buffer PathsRaysBlock { PathRays at[]; } paths_rays;
-struct PathHit {
-    vec3 visibility;  // of the light sample
-    float t;
-    uint instance;
-    uint triangle;
-    vec2 barycentrics;
-    vec4 transmittance;  // RayTransmittance
-    vec3 light_along_ray;
-    vec3 light_along_ray_over_probability;
-};
 layout(set = 1, scalar) buffer PathsHitsBlock { PathHit at[]; } paths_hits;
 // Ray queues of the indices of pixels whose paths wait: one of waves with even index, then one of waves with odd index.
 // Each view has a part of its own, so that a workgroup's rays are in one world, the scene that the view shows.

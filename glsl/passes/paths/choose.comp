@@ -12,6 +12,6 @@ void main() {
     path.walk.cone_spread = make_camera_ray(vec2(pixel) + 0.5).cone_spread;
     arrive(path, true);
     choose_rays(path);
-    store_path_rays(path, index);
+    paths_rays.at[index] = pack_rays(path);
     store_path_state(path, index);
 }

@@ -55,7 +55,7 @@ void main() {
     choose_rays(path);
     bool waits = traces_apart;
     if (traces_apart) {
-        store_path_rays(path, index);
+        paths_rays.at[index] = pack_rays(path);
     } else {
         waits = add_rays(path, trace_rays(path)) && arrive(path, false);
         add_to_pixel(path, pixel, index);

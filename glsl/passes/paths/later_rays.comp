@@ -20,7 +20,7 @@ void main() {
             goes_on = add_rays(path, trace_rays(path));
         }
         goes_on = goes_on && arrive(path, resumed);
-        if (!resumed && paths_wave.index != LAST_WAVE) { break; }
+        if (!resumed && paths_wave.index < LAST_WAVE) { break; }
         resumed = false;
     } while (goes_on);
     if (goes_on) {

@@ -7,7 +7,7 @@
 #define PASSES_PATHS_PATH_GLSL
 
 #include "common/random.glsl"
-#include "passes/paths/shadow_ray.glsl"
+#include "passes/paths/stored_path.glsl"
 #include "passes/paths/vertex.glsl"  // and scene/walk.glsl: the walk along rays, and media
 #include "passes/ray_count.glsl"
 #include "passes/world_cache/query.glsl"  // and map.glsl: get_cell_size

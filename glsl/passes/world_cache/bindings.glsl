@@ -4,6 +4,7 @@
 
 #extension GL_EXT_scalar_block_layout : require
 
+#include "passes/paths/stored_path.glsl"
 #include "passes/rows.glsl"
 
 #ifdef MANY_VIEWS
@@ -46,6 +47,16 @@ struct WorldCacheSample {
 const uint SEES_WALL = 0x80000000u;  // the cell's point of this frame doesn't see the cell's first point
 layout(set = 1, scalar) buffer WorldCacheSamplesBlock { WorldCacheSample at[]; } world_cache_samples;
 layout(set = 1, scalar) buffer WorldCacheDispatchBlock { IndirectDispatch size; } world_cache_dispatch;
+
+// Where passes of their own trace: the paths of cells that are updated in a frame, as many as there is room for.
+// `thread`: of find_cell_to_update.
+struct WorldCachePath {
+    uint thread;
+    PathState state;
+    PathRays rays;
+    PathHit hit;
+};
+layout(set = 1, scalar) buffer WorldCachePathsBlock { WorldCachePath at[]; } world_cache_paths;
 
 // Counters of this frame.
 layout(set = 1, scalar) buffer WorldCacheCountersBlock {

@@ -3,11 +3,12 @@
 // Differs from Solari: one dispatch has direct and indirect light, from one path, and rays are not cut at 50 m, which
 // would darken large halls and streets.
 #version 460
-#include "passes/paths/path.glsl"
-#include "passes/world_cache/division.glsl"
-#include "passes/world_cache/update.glsl"
+#include "passes/world_cache/cell_path.glsl"
 
 layout(local_size_x = GROUP_SIZE) in;
+
+// Whether trace.comp traces the rays that are chosen here, and arrive.comp goes on; but where its buffer is full.
+layout(constant_id = traces_apart_id) const bool traces_apart = false;
 
 const uint PASS_SALT = 0x7C0D14ECu;
 
@@ -15,7 +16,7 @@ void main() {
     uint thread = thread_index(INVOCATION_INDEX);
     uint cell = find_cell_to_update(thread);
     if (cell == NO_INDEX) { return; }
-    atomicAdd(world_cache_counters.updates, 1u);
+    uint index = atomicAdd(world_cache_counters.updates, 1u);
 #ifdef MANY_VIEWS
     world_index = world_cache_worlds.at[cell];
 #endif
@@ -32,7 +33,14 @@ void main() {
     path.u = rand_vec2f(path.rng);
     path.walk.cone_width = world_cache_bounds.at[cell].w;  // textures are filtered over the width of the cell
     path.cache_lifetime = world_cache_samples.at[thread].life;
-    while (advance(path)) {}
-    world_cache_samples.at[thread].irradiance = PI * path_light(path).diffuse;
-    test_for_wall(cell, thread);
+    world_cache_samples.at[thread].irradiance = vec3(0.0);
+    if (traces_apart && index < world_cache_paths.at.length()) {
+        choose_rays(path);
+        world_cache_paths.at[index].thread = thread;
+        store_cell_path(path, index);
+    } else {
+        while (advance(path)) {}
+        add_to_cell(path, thread);
+        test_for_wall(cell, thread);
+    }
 }

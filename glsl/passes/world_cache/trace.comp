@@ -1,0 +1,15 @@
+// Traces the rays that paths from cells have chosen: as passes/paths/trace.comp.
+#version 460
+#include "passes/world_cache/cell_path.glsl"
+
+layout(local_size_x = GROUP_SIZE) in;
+
+void main() {
+    uint index = thread_index(INVOCATION_INDEX);
+    if (!find_cell_path(index)) { return; }
+    WorldCachePath waiting = world_cache_paths.at[index];
+    Path path = unpack_path(waiting.state, waiting.rays);
+    world_cache_paths.at[index].hit = pack_hit(trace_rays(path));
+    world_cache_paths.at[index].state.rng = path.rng;
+    if (path.bounce == 1u) { test_for_wall(world_cache_active_cells.at[waiting.thread], waiting.thread); }
+}
