@@ -23,7 +23,9 @@ uvec4 hit_light_point(inout Path path) {
     for (uint i = scene_info.first_pass_through_light; HAS_PASS_THROUGH_LIGHTS
         && i < scene_info.first_light_at_infinity; i++) {
         LightSource light = light_sources.at[i];
-        LightHit light_hit = intersect_light(light.kind, light.record_index, path.walk.origin, path.walk.direction, path.hit.t);
+        LightHit light_hit = intersect_light(
+            light.kind, light.record_index, path.walk.origin, path.walk.direction, path.hit.t
+        );
         if (light_hit.inverse_solid_angle_pdf > 0.0) { return pack_light_point(i, 0u, light_hit.u); }
     }
     if (hits) {

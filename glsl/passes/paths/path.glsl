@@ -1,8 +1,9 @@
 // A path through the scene. Its first vertex (x1 in papers) is the surface that the pixel shows, from the G-buffer; the
 // first ray leads from there to the second vertex (x2). At each vertex `choose_rays` chooses two rays, one to a light
 // and one that leads on, `trace_rays` traces both, and `arrive` makes the next vertex. A path ends in the world cache,
-// where a ray hits nothing, by Russian roulette, or at the bounce limit. MIS by the power heuristic (Veach 1997). Without world cache and
-// regularization, the mean is that of the reference path tracer. Solari in Bevy 0.20 traces such paths.
+// where a ray hits nothing, by Russian roulette, or at the bounce limit. MIS by the power heuristic (Veach 1997).
+// Without world cache and regularization, the mean is that of the reference path tracer. Solari in Bevy 0.20 traces
+// such paths.
 #ifndef PASSES_PATHS_PATH_GLSL
 #define PASSES_PATHS_PATH_GLSL
 
