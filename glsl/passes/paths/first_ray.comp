@@ -42,15 +42,15 @@ void main() {
     if (traces_apart) { paths_states.at[index].flags = NO_PATH_STATE; }
     uint samples = samples_per_pixel(index);
     if (max_timed_samples > 0u && sample_index >= samples) { return; }
-    if (sample_index == 0u) {
-        paths_diffuse.at[index] = paths_specular.at[index] = vec4(0.0);
-        if (samples > 1u) {
-            uint thread = atomicAdd(paths_queues.at[view_index].short_history_count, 1u);
-            paths_short_histories.at[element_index(uvec2(0u), camera.size) + thread] = index;
-        }
+    if (sample_index == 0u && samples > 1u) {
+        uint thread = atomicAdd(paths_queues.at[view_index].short_history_count, 1u);
+        paths_short_histories.at[element_index(uvec2(0u), camera.size) + thread] = index;
     }
     GBufferSurface surface = load_gbuffer(pixel);
-    if (!surface.exists) { return; }
+    if (!surface.exists) {
+        paths_diffuse.at[index] = paths_specular.at[index] = vec4(0.0);
+        return;
+    }
     Path path = start_path(pixel, surface, sample_index);
     choose_rays(path);
     bool waits = traces_apart;

@@ -28,7 +28,11 @@ void add_to_pixel(inout Path path, uvec2 pixel, uint index) {
     PerLobe light = light_for_pixel(path, index, surface.material.base.perceptual_roughness);
     Demodulation albedo = demodulation(surface);
     float share = 1.0 / float(samples_per_pixel(index));
-    vec4 diffuse = paths_diffuse.at[index], specular = paths_specular.at[index];
+    vec4 diffuse = vec4(0.0), specular = vec4(0.0);
+    if (!first || paths_wave.sample_index > 0u) {
+        diffuse = paths_diffuse.at[index];
+        specular = paths_specular.at[index];
+    }
     diffuse.rgb += share * light.diffuse / albedo.diffuse;
     specular.rgb += share * light.specular / albedo.specular;
     if (first && path.first_ray_is_diffuse && !(diffuse.w > 0.0)) { diffuse.w = path.hit.t; }
