@@ -17,7 +17,7 @@ SCRATCH = {"sample_radiance": "paths_states", "error": "paths_ray_queues"}
 """Results of later stages that alias buffers of this one, since all paths are traced by then."""
 MIN_TIMED_SAMPLES = 2  # with frame_ms a pixel may take this many paths, whatever the settings say
 SHORT_HISTORY = 8.0  # frames of history from which one path is enough
-WAVES_APART = 6  # those whose rays passes of their own trace, before a last one
+WAVES_APART = 6  # those whose rays passes of their own trace, before a last one; no fewer than WAVES
 WAVES = 3  # dispatches over the paths that go on after their first rays; the last one traces them to their ends
 
 

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
 
 from solari_vk.gpu.frame.stages import IfUsed, Pass, Stage
 from solari_vk.gpu.shaders.headers import constants
@@ -52,7 +54,7 @@ def paths_stage(size: tuple[int, int], settings: Settings, worlds: int = 1, trac
     """
     # Paths of a small picture ask for few cells, and passes over the whole map take time with its size.
     cells = max(1 << (CELLS_OF_PIXEL * size[0] * size[1] - 1).bit_length(), FEWEST_CELLS)
-    brdf = brdf_constants(settings)
+    brdf: dict[str, Any] = brdf_constants(settings)
     samples = [Pass("world_cache/sample", indirect=DISPATCH, constants=brdf | {"traces_apart": traces_apart})]
     for wave in range(WAVES_APART if traces_apart else 0):
         last = {"is_last_wave": wave == WAVES_APART - 1}
@@ -61,8 +63,8 @@ def paths_stage(size: tuple[int, int], settings: Settings, worlds: int = 1, trac
     fewest = FEWEST_CELLS_OF_WORLD * parts(worlds) if worlds > 1 else 0
     cells = max(min(settings.world_cache_cells, cells), fewest)
     made = stage(cells, samples)
-    made.buffers["world_cache_paths"] = min(cells, PATHS_APART) if traces_apart else 1
-    return made
+    paths = {"world_cache_paths": min(cells, PATHS_APART) if traces_apart else 1}
+    return replace(made, buffers={**made.buffers, **paths})
 
 
 def stage(cells: int, samples: Sequence[Pass]) -> Stage:

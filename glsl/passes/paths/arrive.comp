@@ -11,7 +11,11 @@ void main() {
     Path path = unpack_path(paths_states.at[index], paths_rays.at[index]);
     path.walk.cone_spread = make_camera_ray(vec2(pixel) + 0.5).cone_spread;
     bool goes_on = add_rays(path, unpack_hit(paths_hits.at[index])) && arrive(path, false);
-    add_to_pixel(path, pixel, index);
+    GBufferSurface surface = load_gbuffer(pixel);
+    float roughness = surface.material.base.perceptual_roughness;
+    bool first = path.bounce == 1u;
+    PerLobe light = first ? first_light(path, index, roughness) : later_light(path, index, roughness);
+    add_to_pixel(path, light, surface, index);
     if (goes_on) {
         store_path_state(path, index);
         queue_path(index, paths_wave.index + 1u);

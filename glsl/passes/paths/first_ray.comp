@@ -58,7 +58,9 @@ void main() {
         paths_rays.at[index] = pack_rays(path);
     } else {
         waits = add_rays(path, trace_rays(path)) && arrive(path, false);
-        add_to_pixel(path, pixel, index);
+        surface = load_gbuffer(pixel);  // loaded again, instead of kept in registers across rays
+        PerLobe light = first_light(path, index, surface.material.base.perceptual_roughness);
+        add_to_pixel(path, light, surface, index);
         if (waits) { queue_path(index, 1u); }
     }
     if (waits) { store_path_state(path, index); }

@@ -27,5 +27,6 @@ void main() {
         store_path_state(path, index);
         queue_path(index, paths_wave.index + 1u);
     }
-    add_to_pixel(path, pixel, index);
+    GBufferSurface surface = load_gbuffer(pixel);
+    add_to_pixel(path, later_light(path, index, surface.material.base.perceptual_roughness), surface, index);
 }

@@ -50,8 +50,8 @@ Path unpack_path(PathState state) {
 PathRays pack_rays(Path path) {
     LightSample light = path.light_sample;
     return PathRays(
-        uint(path.has_ray), path.walk.origin, path.walk.mis_pdf, path.receiver.position, path.receiver.normal,
-        path.shadow_ray, uvec3(light.light_index, light.part, light.seed)
+        uint(path.has_ray), path.walk.origin, path.walk.mis_pdf, path.walk.wavelength, path.receiver.position,
+        path.receiver.normal, path.shadow_ray, uvec3(light.light_index, light.part, light.seed)
     );
 }
 
@@ -61,6 +61,7 @@ Path unpack_path(PathState state, PathRays rays) {
     path.has_ray = rays.has_ray != 0u;
     path.walk.origin = rays.origin;
     path.walk.mis_pdf = rays.mis_pdf;
+    if (SCENE_DISPERSION) { path.walk.wavelength = rays.wavelength; }
     path.receiver = Receiver(rays.receiver_position, rays.receiver_normal);
     path.shadow_ray = rays.shadow_ray;
     path.light_sample = LightSample(rays.light_sample.x, rays.light_sample.y, rays.light_sample.z);

@@ -312,10 +312,4 @@ bool arrive(inout Path path, bool resumed) {
     return resumed || look_up_world_cache(path, surface) && path.bounce < paths_settings.bounces + path.delta_bounces;
 }
 
-// Moves the path to the next vertex. Returns false when the path has ended.
-bool advance(inout Path path) {
-    choose_rays(path);
-    return add_rays(path, trace_rays(path)) && arrive(path, false);
-}
-
 #endif

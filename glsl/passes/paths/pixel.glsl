@@ -7,11 +7,14 @@
 #include "passes/paths/candidate.glsl"
 #include "passes/paths/path_state.glsl"
 
-// The light that the path adds to its pixel now, where reservoirs don't get it.
-PerLobe light_for_pixel(inout Path path, uint index, float perceptual_roughness) {
-    if (!paths_reuse) { return path_light(path); }
-    if (path.bounce == 1u) { return write_candidate(path, index, perceptual_roughness); }
+// The light of a path after its first ray, and after later ones, where reservoirs don't get it.
+PerLobe first_light(inout Path path, uint index, float perceptual_roughness) {
+    return paths_reuse ? write_candidate(path, index, perceptual_roughness) : path_light(path);
+}
+
+PerLobe later_light(Path path, uint index, float perceptual_roughness) {
     PerLobe light = path_light(path);
+    if (!paths_reuse) { return light; }
     paths_reservoir_candidates.at[index].radiance += path.reusable_radiance;
     // 0 only for a delta lobe (write_candidate), since the first ray has hit a surface
     bool delta = paths_reservoir_candidates.at[index].path_contribution_weight == 0.0;
@@ -21,11 +24,9 @@ PerLobe light_for_pixel(inout Path path, uint index, float perceptual_roughness)
     return light;
 }
 
-// Adds what the path has found, after its first ray or after later ones.
-void add_to_pixel(inout Path path, uvec2 pixel, uint index) {
-    GBufferSurface surface = load_gbuffer(pixel);
+// Adds light to a pixel. The first light of a frame replaces that of the last one.
+void add_to_pixel(Path path, PerLobe light, GBufferSurface surface, uint index) {
     bool first = path.bounce == 1u;
-    PerLobe light = light_for_pixel(path, index, surface.material.base.perceptual_roughness);
     Demodulation albedo = demodulation(surface);
     float share = 1.0 / float(samples_per_pixel(index));
     vec4 diffuse = vec4(0.0), specular = vec4(0.0);

@@ -34,6 +34,7 @@ struct PathRays {
     uint has_ray;  // 0: the shadow ray alone
     vec3 origin;   // of the ray in the path's direction
     float mis_pdf;
+    float wavelength;
     vec3 receiver_position;
     vec3 receiver_normal;
     ShadowRay shadow_ray;

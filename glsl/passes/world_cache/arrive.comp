@@ -13,12 +13,19 @@ void main() {
     WorldCachePath waiting = world_cache_paths.at[index];
     Path path = unpack_path(waiting.state, waiting.rays);
     path.cache_lifetime = world_cache_samples.at[waiting.thread].life & ~SEES_WALL;
-    bool goes_on = add_rays(path, unpack_hit(waiting.hit)) && arrive(path, false);
-    while (is_last_wave && goes_on) { goes_on = advance(path); }
+    bool are_traced = true, goes_on;
+    do {
+        TracedRays traced;
+        if (are_traced || !is_last_wave) {
+            traced = unpack_hit(waiting.hit);
+        } else {
+            traced = trace_rays(path);
+        }
+        are_traced = false;
+        goes_on = add_rays(path, traced) && arrive(path, false);
+        if (goes_on) { choose_rays(path); }
+    } while (goes_on && is_last_wave);
     add_to_cell(path, waiting.thread);
     world_cache_paths.at[index].state.flags = NO_PATH_STATE;
-    if (goes_on) {
-        choose_rays(path);
-        store_cell_path(path, index);
-    }
+    if (goes_on) { store_cell_path(path, index); }
 }

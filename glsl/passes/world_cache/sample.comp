@@ -34,13 +34,14 @@ void main() {
     path.walk.cone_width = world_cache_bounds.at[cell].w;  // textures are filtered over the width of the cell
     path.cache_lifetime = world_cache_samples.at[thread].life;
     world_cache_samples.at[thread].irradiance = vec3(0.0);
-    if (traces_apart && index < world_cache_paths.at.length()) {
+    do {
         choose_rays(path);
-        world_cache_paths.at[index].thread = thread;
-        store_cell_path(path, index);
-    } else {
-        while (advance(path)) {}
-        add_to_cell(path, thread);
-        test_for_wall(cell, thread);
-    }
+        if (traces_apart && index < world_cache_paths.at.length()) {
+            world_cache_paths.at[index].thread = thread;
+            store_cell_path(path, index);
+            return;
+        }
+    } while (add_rays(path, trace_rays(path)) && arrive(path, false));
+    add_to_cell(path, thread);
+    test_for_wall(cell, thread);
 }

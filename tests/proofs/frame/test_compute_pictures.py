@@ -14,6 +14,8 @@ from support.scenes import bent_joints, random_items, tube
 
 import solari_vk as sv
 from solari_vk.lab.structures import random_rotation
+from solari_vk.passes import paths
+from solari_vk.renderers.frame_budget import FrameBudget
 from solari_vk.scene import shapes
 from solari_vk.scene.builtin import lamp, matte, place
 
@@ -210,6 +212,35 @@ def test_pictures_are_equal(devices, name):
     if not name.startswith("unusual"):
         picture = found[1]["path tracer: raw_radiance 2"]
         assert np.median(picture.max(axis=-1)) > 0, "a picture of nothing proves nothing"
+
+
+@pytest.mark.parametrize(
+    "settings", [{}, {"restir": True}, {"frame_ms": 5.0, "denoise": True}], ids=["paths", "restir", "frame_ms"]
+)
+@pytest.mark.parametrize(
+    "name", ["blended", *(pytest.param(name, marks=pytest.mark.slow) for name in SCENES if name != "blended")]
+)
+def test_rays_that_are_traced_apart_find_the_same_light(devices, monkeypatch, name, settings):
+    """As GPUs that trace by compute shaders do: passes of their own trace what others have chosen. Compilers round
+    elsewhere then, by a few units of the last place."""
+    monkeypatch.setattr(paths, "WAVES_APART", paths.WAVES)  # wavelengths are rounded between waves
+    monkeypatch.setattr(FrameBudget, "choose", lambda self, *limits: 0.7)  # the frame's time would decide
+    found = []
+    for apart in (False, True):
+        monkeypatch.setattr(paths, "traces_apart", lambda rays, kind, apart=apart: apart)
+        make, change = SCENES[name]
+        scene, frames = make(), {}
+        with make_renderer(devices[1], scene, SIZE, seed=3, gbuffer="traced", **settings) as renderer:
+            names = {step.name.split(" ")[0] for stage in renderer.stages for step in stage.passes}
+            assert ({"paths/trace", "world_cache/trace"} <= names) == apart
+            for frame in range(2 * FRAMES):
+                change(scene, frame)
+                shown = snapshot(renderer.render(scene.camera))
+                frames |= {f"{output} {frame}": array for output, array in shown.items()}
+        found.append(frames)
+    for output, whole in found[0].items():
+        near = np.isclose(found[1][output], whole, rtol=1e-5, atol=1e-6 * np.nanmax(np.abs(whole)), equal_nan=True)
+        assert near.all(), output
 
 
 def exposures(device):
