@@ -194,6 +194,14 @@ class Trees(Measurement):
     scenes: tuple[str, ...] = option("built-in scenes (four)", "A,B", type=words, default=())
 
 
+@dataclass(frozen=True, kw_only=True)
+class Ways(Measurement):
+    MODULE = "ways"
+    files: tuple[Path, ...] = option(_FILES, names=("files",), nargs="*", type=Path, default=())
+    scene: tuple[str, ...] = option("a built-in scene (six of them; repeatable)", "NAME", action="append", default=())
+    size: tuple[int, int] = option("of the pictures (1920x1080)", "WxH", type=size, default=(1920, 1080))
+
+
 Measurement.PARTS = (
     Command("speed", "rays and samples a second, host time, loading", RUN, Speed),
     Command("load", "sizes of files, and the times from a file to a scene on the device", RUN, Load),
@@ -207,6 +215,7 @@ Measurement.PARTS = (
     Command("still", "which way reaches a clean still picture first", RUN, Still),
     Command("cpu", "processor time to an error on software devices, beside other renderers", RUN, Cpu),
     Command("trees", "rays by what the driver's builder of acceleration structures is given", RUN, Trees),
+    Command("ways", "rays, frames and samples by each method of tracing that the device has", RUN, Ways),
     Command("batch", "views a second of batches, beside the same views one by one", RUN, Batch),
     Command("dataset", "views a second by set of outputs, beside the lit frame", RUN, Dataset),
     Command("first-frames", "errors of first frames after cuts, alone and in batches", RUN, FirstFrames),

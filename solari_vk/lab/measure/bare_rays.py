@@ -20,25 +20,28 @@ BOUNCES = 4
 
 
 class BarePaths:
-    """The path tracer's paths without shading (glsl/passes/bare_rays/paths.comp). A context manager."""
+    """The path tracer's paths without shading (glsl/passes/bare_rays/paths.comp). A context manager.
+
+    `frame`: each submit traces the paths of the latest `run` again.
+    """
 
     def __init__(self, device: Device, binder: SceneBinder, camera: Camera, size: tuple[int, int]) -> None:
         stage = Stage("bench", buffers={"ray_count": size[0] * size[1]}, passes=[Pass("bare_rays/paths", threads=size)])
-        self._frame = SceneFrame(device, binder, [stage])
-        CameraUniforms(self._frame.uniforms, binder.origin).write(camera, size)
+        self.frame = SceneFrame(device, binder, [stage])
+        CameraUniforms(self.frame.uniforms, binder.origin).write(camera, size)
 
     def run(self, sample_index: int, bounces: int = BOUNCES) -> tuple[float, int]:
         """Trace a path for each pixel; returns the seconds that it took and the number of rays."""
-        self._frame.uniforms["path_sampling.sample_index"] = sample_index
-        self._frame.uniforms["path_sampling.max_bounces"] = bounces
-        spent = device_seconds(self._frame.device, self._frame.submit)
-        return spent, int(self._frame["ray_count"].sum(dtype=np.uint64))
+        self.frame.uniforms["path_sampling.sample_index"] = sample_index
+        self.frame.uniforms["path_sampling.max_bounces"] = bounces
+        spent = device_seconds(self.frame.device, self.frame.submit)
+        return spent, int(self.frame["ray_count"].sum(dtype=np.uint64))
 
     def __enter__(self) -> BarePaths:
         return self
 
     def __exit__(self, *_: object) -> None:
-        self._frame.close()
+        self.frame.close()
 
 
 @contextmanager

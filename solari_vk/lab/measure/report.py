@@ -16,16 +16,16 @@ class Report:
     """Prints tables and single figures as they come, and writes them as a page of Markdown.
 
     `path` is written again after each of them, so that a run that is stopped leaves what it has. Raises SolariError if
-    it can't be written.
+    it can't be written. facts: about the run, in place of the device's of the same name, such as "rays".
     """
 
-    def __init__(self, device: Device, path: Path | None, title: str, intro: Sequence[str]) -> None:
+    def __init__(self, device: Device, path: Path | None, title: str, intro: Sequence[str], **facts: str) -> None:
         if path is not None:
             check_writable(path)
         self._path = path
         self._started = time.perf_counter()
         # The load of the machine is taken before the measurement adds to it.
-        self._lines = head(title, intro, device_facts(device, host_load()))
+        self._lines = head(title, intro, device_facts(device, host_load()) | facts)
         self._figures: list[tuple[str, str, str]] = []
 
     def progress(self, text: str) -> None:
