@@ -14,6 +14,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
+from unittest.mock import patch
 
 from solari_vk.gpu.frame.stages import Aliased, History
 from solari_vk.passes import first_hits
@@ -25,8 +26,9 @@ if TYPE_CHECKING:
 
 ROOT = Path(__file__).resolve().parents[1]
 SIZE = 64, 64
-# Counters in all passes that trace rays; an attachment; lists that further dispatches of a pass read.
-NOT_NAMED = {"ray_counts", "raster_depth", "paths_short_histories", "paths_chosen"}
+# Counters in all passes that trace rays; an attachment; lists that further dispatches of a pass read, or other passes
+# where rays are traced apart.
+NOT_NAMED = {"ray_counts", "raster_depth", "paths_short_histories", "paths_chosen", "paths_rays", "world_cache_paths"}
 HEAD = """\
 # Buffers and images
 
@@ -62,9 +64,9 @@ def frames(device: Device) -> Iterator[tuple[Sequence[Stage], Sequence[Row]]]:
 
 def made_frames(device: Device) -> Iterator[tuple[Frame, Frame]]:
     """The frame of the BRDF's tables, and one of all others: each lighting, with and without reuse and a given time,
-    either G-buffer, realtime views, the path tracer, first hits by raster. The next one closes it."""
+    either G-buffer, rays traced apart, realtime views, the path tracer, first hits by raster. The next one closes it."""
     import solari_vk as sv
-    from solari_vk.passes import brdf_table, gbuffer, reference
+    from solari_vk.passes import brdf_table, gbuffer, paths, reference
 
     scene = sv.builtin("cornell_box")
     # Features of scenes: lobes, solids that absorb light, meshes for rays alone.
@@ -78,6 +80,9 @@ def made_frames(device: Device) -> Iterator[tuple[Frame, Frame]]:
         for choice in choices:
             with sv.Renderer(device, scene, SIZE, sv.Settings(**choice)) as renderer:
                 yield tables, renderer._frame
+        # As on GPUs that trace by compute shaders.
+        with patch.object(paths, "traces_apart", return_value=True), sv.Renderer(device, scene, SIZE) as renderer:
+            yield tables, renderer._frame
         with sv.Batch(device, scene, SIZE, 1, renderer="realtime", outputs=()) as batch:
             yield tables, batch._realtime._frame
         with sv.PathTracer(device, scene, SIZE) as tracer:
