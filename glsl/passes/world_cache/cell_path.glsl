@@ -9,20 +9,13 @@
 // Adds what a path has found.
 void add_to_cell(Path path, uint thread) { world_cache_samples.at[thread].irradiance += PI * path_light(path).diffuse; }
 
-// ---- where passes of their own trace ------------------------------------------------------------------
-
-void store_cell_path(Path path, uint index) {
-    world_cache_paths.at[index].state = pack_path(path);
-    world_cache_paths.at[index].rays = pack_rays(path);
-}
-
-// Whether a thread has a path that waits for its rays. Chooses the world of its cell.
+// Where passes of their own trace: whether a thread has a path. Chooses the world of its cell.
 bool find_cell_path(uint index) {
     if (index >= min(world_cache_counters.updates, world_cache_paths.at.length())) { return false; }
 #ifdef MANY_VIEWS
     world_index = world_cache_worlds.at[world_cache_active_cells.at[world_cache_paths.at[index].thread]];
 #endif
-    return world_cache_paths.at[index].state.flags != NO_PATH_STATE;
+    return true;
 }
 
 #endif

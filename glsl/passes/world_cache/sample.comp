@@ -7,7 +7,7 @@
 
 layout(local_size_x = GROUP_SIZE) in;
 
-// Whether trace.comp traces the rays that are chosen here, and arrive.comp goes on; but where its buffer is full.
+// Whether trace.comp traces the first rays, and arrive.comp goes on, as far as their buffer has room.
 layout(constant_id = traces_apart_id) const bool traces_apart = false;
 
 const uint PASS_SALT = 0x7C0D14ECu;
@@ -38,7 +38,8 @@ void main() {
         choose_rays(path);
         if (traces_apart && index < world_cache_paths.at.length()) {
             world_cache_paths.at[index].thread = thread;
-            store_cell_path(path, index);
+            world_cache_paths.at[index].state = pack_path(path);
+            world_cache_paths.at[index].rays = pack_rays(path);
             return;
         }
     } while (add_rays(path, trace_rays(path)) && arrive(path, false));

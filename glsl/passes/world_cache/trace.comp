@@ -1,4 +1,4 @@
-// Traces the rays that paths from cells have chosen: as passes/paths/trace.comp.
+// Traces the first rays of paths from cells: as passes/paths/trace.comp.
 #version 460
 #include "passes/world_cache/cell_path.glsl"
 
@@ -11,5 +11,5 @@ void main() {
     Path path = unpack_path(waiting.state, waiting.rays);
     world_cache_paths.at[index].hit = pack_hit(trace_rays(path));
     world_cache_paths.at[index].state.rng = path.rng;
-    if (path.bounce == 1u) { test_for_wall(world_cache_active_cells.at[waiting.thread], waiting.thread); }
+    test_for_wall(world_cache_active_cells.at[waiting.thread], waiting.thread);
 }
