@@ -65,26 +65,49 @@ bool meets_box(TreeRay ray, vec3 low, vec3 high, float t_min, float t_max, out f
     return near <= min(far, t_max);
 }
 
-// Where a ray meets the plane of a triangle: t, and the weights of the second and third vertex. Returns whether it does
-// so within the triangle. Neighbors leave no gap between them: Woop, Benthin and Wald, "Watertight Ray/Triangle
-// Intersection" (2013).
-bool meets_triangle(TreeRay ray, TreeTriangle triangle, out vec3 found, out bool front_face) {
+// A triangle as the ray sees it: x and y of its vertices where the ray is the z axis, and their depths.
+struct SeenTriangle {
+    vec2 p;
+    vec2 q;
+    vec2 r;
+    vec3 z;
+};
+
+SeenTriangle see_triangle(TreeRay ray, TreeTriangle triangle) {
     precise vec3 a = in_order(ray, triangle.a - ray.origin);
     precise vec3 b = in_order(ray, triangle.b - ray.origin);
     precise vec3 c = in_order(ray, triangle.c - ray.origin);
-    // as the ray sees the vertices, where it is the z axis
     precise vec2 p = a.xy - ray.shear.xy * a.z, q = b.xy - ray.shear.xy * b.z, r = c.xy - ray.shear.xy * c.z;
-    // Products of floats are exact in doubles, so that their signs decide which of two neighbors is hit.
-    precise dvec2 P = dvec2(p), Q = dvec2(q), R = dvec2(r);
+    return SeenTriangle(p, q, r, vec3(a.z, b.z, c.z));
+}
+
+// Where a ray meets the plane of a triangle: t, and the weights of the second and third vertex. Returns whether it does
+// so within the triangle. Neighbors leave no gap between them: Woop, Benthin and Wald, "Watertight Ray/Triangle
+// Intersection" (2013).
+bool resolve_hit(TreeRay ray, TreeTriangle triangle, out vec3 found, out bool front_face) {
+    SeenTriangle seen = see_triangle(ray, triangle);
+    // The signs decide exactly which of two neighbors is hit.
+    precise dvec2 P = dvec2(seen.p), Q = dvec2(seen.q), R = dvec2(seen.r);
     precise double u = R.x * Q.y - R.y * Q.x, v = P.x * R.y - P.y * R.x, w = Q.x * P.y - Q.y * P.x;
     bool any_below = u < 0.0 || v < 0.0 || w < 0.0, any_above = u > 0.0 || v > 0.0 || w > 0.0;
     precise double determinant = u + (v + w);
     front_face = determinant > 0.0;
-    precise dvec3 depth = double(ray.shear.z) * dvec3(a.z, b.z, c.z);
+    precise dvec3 depth = double(ray.shear.z) * dvec3(seen.z);
     precise double t = (u * depth.x + v * depth.y) + w * depth.z;
     precise float area = float(determinant);
     found = vec3(float(t / determinant), float(v) / area, float(w) / area);
     return determinant != 0.0 && !(any_below && any_above);
+}
+
+// The same, after a test that most triangles don't pass: many cards compute doubles slowly.
+bool meets_triangle(TreeRay ray, TreeTriangle triangle, out vec3 found, out bool front_face) {
+    SeenTriangle seen = see_triangle(ray, triangle);
+    vec2 p = seen.p, q = seen.q, r = seen.r;
+    // They are missed by more than rounding: 2^-24 of each product and of their difference.
+    vec3 gains = vec3(r.x * q.y, p.x * r.y, q.x * p.y), losses = vec3(r.y * q.x, p.y * r.x, q.y * p.x);
+    vec3 edges = gains - losses, rounding = 4.0 * ROUNDING_UNIT * (abs(gains) + abs(losses));
+    if (any(lessThan(edges, -rounding)) && any(greaterThan(edges, rounding))) { return false; }
+    return resolve_hit(ray, triangle, found, front_face);
 }
 
 // In loads of 16 bytes: of a structure drivers load number by number.
@@ -189,7 +212,7 @@ Hit hit_in_object_space(FlatHit flat_hit, uvec2 slots, vec3 origin, vec3 directi
     bool front_face;
     // What hits an edge in world space may miss it by rounding here; the weights are right up to that. Triangles that
     // are much finer than others of their mesh may be missed by more.
-    meets_triangle(ray, triangle, found, front_face);
+    resolve_hit(ray, triangle, found, front_face);
     float least = min(min(found.y, found.z), 1.0 - found.y - found.z);
     if (!(least > -0.01)) { found = vec3(flat_hit.t, vec2(1.0 / 3.0)); }
     return Hit(found.x, row, flat_hit.triangle, found.yz, front_face);

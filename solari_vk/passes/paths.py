@@ -17,7 +17,7 @@ SCRATCH = {"sample_radiance": "paths_states", "error": "paths_ray_queues"}
 """Results of later stages that alias buffers of this one, since all paths are traced by then."""
 MIN_TIMED_SAMPLES = 2  # with frame_ms a pixel may take this many paths, whatever the settings say
 SHORT_HISTORY = 8.0  # frames of history from which one path is enough
-WAVES_APART = 6  # those whose rays passes of their own trace, before a last one; no fewer than WAVES
+WAVES_APART = 6  # those whose rays passes of their own trace, before a last one
 WAVES = 3  # dispatches over the paths that go on after their first rays; the last one traces them to their ends
 
 
@@ -97,7 +97,7 @@ def _waves(
     timed = {"max_timed_samples": sample_counts["max_timed_samples"]}
     chooses_pixels = timed["max_timed_samples"] > 0
     constants = shading | sample_counts
-    waves = WAVES_APART if traces_apart else WAVES
+    waves = max(WAVES_APART, WAVES) if traces_apart else WAVES  # later_rays traces on from LAST_WAVE
     for wave in range(waves + 1):
         begin = {"pixels_are_chosen": chooses_pixels, "sample_index": sample, "wave_index": wave}
         passes.append(Pass("paths/next_wave", threads=GROUP_SIZE, constants=begin))

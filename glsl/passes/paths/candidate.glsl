@@ -93,8 +93,12 @@ PerLobe write_candidate(inout Path path, uint index, float perceptual_roughness)
     candidate.instance = path.hit.instance;
     candidate.path_contribution_weight =
         path.hit.instance == NO_INDEX ? 0.0 : path.sum_of_inverse_pdfs / passed.probability;
-    candidate.position = path.vertex.origin;
-    candidate.normal = pack_octahedral_2x16(path.vertex.geometric_normal);
+    candidate.position = vec3(0.0);
+    candidate.normal = 0u;
+    if (path.hit.instance != NO_INDEX) {
+        candidate.position = path.vertex.origin;
+        candidate.normal = pack_octahedral_2x16(path.vertex.geometric_normal);
+    }
     candidate.radiance = path.reusable_radiance;
     paths_reservoir_candidates.at[index] = candidate;
 

@@ -6,7 +6,7 @@
 #include "passes/paths/path.glsl"
 
 const uint SPECULAR_ONLY = 0x80000000u;
-const uint IS_DIFFUSE = 0x40000000u;  // until the first ray has arrived first_ray_is_diffuse, later diffuse_at_x2
+const uint IS_DIFFUSE = 0x40000000u;  // while bounce is 1 first_ray_is_diffuse, later diffuse_at_x2
 const uint NO_PATH_STATE = 0u;        // flags where no path waits
 const float MAX_WAVELENGTH = 1024.0;  // in nanometers
 

@@ -72,6 +72,7 @@ Path start_path(uint rng) {
     path.hit = NO_HIT;
     path.hit.t = 0.0;  // unknown: no ray is traced yet
     path.has_ray = false;
+    path.shadow_ray = ShadowRay(vec3(0.0), vec3(0.0), 0.0, ZERO_LOBES);
     path.first_medium = NO_MEDIUM;
     path.specular_only = false;
     path.bounce = path.delta_bounces = 0u;

@@ -9,9 +9,17 @@
 // Adds what a path has found.
 void add_to_cell(Path path, uint thread) { world_cache_samples.at[thread].irradiance += PI * path_light(path).diffuse; }
 
-// Where passes of their own trace: whether a thread has a path. Chooses the world of its cell.
+// Where passes of their own trace: whether there is room for the paths of all cells. Some alone would be those of the
+// threads that happen to be first, and shaders round differently, so that a seed would no longer give one picture.
+bool paths_have_room() {
+    float most = min(float(world_cache_counters.active_cells), update_cap());
+    return most + 8.0 * sqrt(most) < float(world_cache_paths.at.length());  // the number is random: 8 of its deviations
+}
+
+// Whether a thread has a path there. Chooses the world of its cell.
 bool find_cell_path(uint index) {
-    if (index >= min(world_cache_counters.updates, world_cache_paths.at.length())) { return false; }
+    uint count = min(world_cache_counters.updates, world_cache_paths.at.length());
+    if (!paths_have_room() || index >= count) { return false; }
 #ifdef MANY_VIEWS
     world_index = world_cache_worlds.at[world_cache_active_cells.at[world_cache_paths.at[index].thread]];
 #endif

@@ -7,7 +7,7 @@
 
 layout(local_size_x = GROUP_SIZE) in;
 
-// Whether trace.comp traces the first rays, and arrive.comp goes on, as far as their buffer has room.
+// Whether trace.comp traces the first rays, and arrive.comp goes on, if their buffer has room.
 layout(constant_id = traces_apart_id) const bool traces_apart = false;
 
 const uint PASS_SALT = 0x7C0D14ECu;
@@ -36,7 +36,7 @@ void main() {
     world_cache_samples.at[thread].irradiance = vec3(0.0);
     do {
         choose_rays(path);
-        if (traces_apart && index < world_cache_paths.at.length()) {
+        if (traces_apart && paths_have_room() && index < world_cache_paths.at.length()) {
             world_cache_paths.at[index].thread = thread;
             world_cache_paths.at[index].state = pack_path(path);
             world_cache_paths.at[index].rays = pack_rays(path);

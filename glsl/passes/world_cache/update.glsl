@@ -16,18 +16,23 @@ float pixel_count() {
     return float(camera.size.x) * float(camera.size.y) * float(view_count());
 }
 
-// The cell that a thread updates, or NO_INDEX. Above the cap a random subset is updated, the same one in all passes.
-uint find_cell_to_update(uint thread) {
-    if (thread >= world_cache_counters.active_cells) { return NO_INDEX; }
-    uint cell = world_cache_active_cells.at[thread];
-    uint rng = seed_cell_rng(cell, UPDATE_SALT);
+// The number of cells that a frame updates on average.
+float update_cap() {
     float max_samples = float(world_cache_settings.max_samples);
     float cap = float(world_cache_settings.update_cap);
     // Edits that change so little outdate no mean.
     if (all_views.lighting_change == 0.0 && all_views.expected_change * max_samples <= 1.0) {
         cap = min(cap, world_cache_settings.updates_per_pixel * pixel_count());
     }
-    bool chosen = rand_f(rng) * float(world_cache_counters.active_cells) < cap;
+    return cap;
+}
+
+// The cell that a thread updates, or NO_INDEX. Above the cap a random subset is updated, the same one in all passes.
+uint find_cell_to_update(uint thread) {
+    if (thread >= world_cache_counters.active_cells) { return NO_INDEX; }
+    uint cell = world_cache_active_cells.at[thread];
+    uint rng = seed_cell_rng(cell, UPDATE_SALT);
+    bool chosen = rand_f(rng) * float(world_cache_counters.active_cells) < update_cap();
     return chosen ? cell : NO_INDEX;
 }
 
