@@ -64,7 +64,7 @@ def frames(device: Device) -> Iterator[tuple[Sequence[Stage], Sequence[Row]]]:
 
 def made_frames(device: Device) -> Iterator[tuple[Frame, Frame]]:
     """The frame of the BRDF's tables, and one of all others: each lighting, with and without reuse and a given time,
-    either G-buffer, rays traced apart, realtime views, the path tracer, first hits by raster. The next one closes it."""
+    either G-buffer, rays traced apart, realtime views, path tracer, first hits by raster. The next one closes it."""
     import solari_vk as sv
     from solari_vk.passes import brdf_table, gbuffer, paths, reference
 

@@ -60,7 +60,7 @@ class Renderer(RendererBase):
     size: (width, height) of the picture in pixels; the setting `upscale` renders fewer. settings: kept, not copied;
     assigning to one of its fields takes effect with the next frame. seed: a whole number; the same seed gives the same
     pictures, bit by bit, and another seed gives independent noise. count_rays: passes count their rays in
-    `frame["ray_counts"]`, in the order of `counted_passes`, which costs time. Source: posts on Solari in Bevy 0.17-0.19.
+    `frame["ray_counts"]`, in the order of `counted_passes`, which costs time. Source: posts on Solari in Bevy 0.17 on.
 
     The scene may be edited between calls of `render`. Several renderers may share a scene; given one SceneBinder, they
     share its memory on the device too. `close` frees the renderer's memory, as closing the device does. Raises
