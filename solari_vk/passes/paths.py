@@ -17,14 +17,14 @@ SCRATCH = {"sample_radiance": "paths_states", "error": "paths_ray_queues"}
 """Results of later stages that alias buffers of this one, since all paths are traced by then."""
 MIN_TIMED_SAMPLES = 2  # with frame_ms a pixel may take this many paths, whatever the settings say
 SHORT_HISTORY = 8.0  # frames of history from which one path is enough
-WAVES_APART = 6  # those whose rays passes of their own trace, before a last one
+WAVES_APART = 6  # with traces_apart, the waves before the last one, that of first rays among them
 WAVES = 3  # dispatches over the paths that go on after their first rays; the last one traces them to their ends
 
 
 def stage(size: tuple[int, int], settings: Settings, views: int, traces_apart: bool = False) -> Stage:
     """The light of the diffuse and of the specular lobe, demodulated, each with a distance in meters.
 
-    traces_apart: passes of their own trace the rays of paths (`traces_apart`).
+    traces_apart: whether a pass that only traces has the rays of each wave; see the function of this name.
 
     Inputs: `camera_media`, `gbuffer*`, `depth`, `*_table`, `brdf_averages`, `world_cache_*`; the length of the history,
     `denoise_guides` and `denoise_diffuse`; with restir `motion_vectors`, `previous_*`.
@@ -67,7 +67,8 @@ def stage(size: tuple[int, int], settings: Settings, views: int, traces_apart: b
 
 
 def traces_apart(rays: str, kind: str) -> bool:
-    """Whether passes of their own trace the rays of paths on a device of a kind, such as "cpu", that traces by `rays`.
+    """Whether the rays of paths are traced by a pass that does nothing else. rays: how the device traces. kind: of the
+    device, such as "cpu".
 
     A GPU runs the fewer threads at a time the more registers a shader needs, and one that shades needs many.
     """

@@ -22,7 +22,7 @@ layout(set = 1, scalar) buffer RawRadianceBlock { vec3 at[]; } raw_radiance;
 layout(set = 1, scalar) buffer ErrorBlock { float at[]; } error;
 
 layout(set = 1, scalar) buffer PathsStatesBlock { PathState at[]; } paths_states;  // by pixel
-// Where passes of their own trace: what paths have chosen, and what that has met. By pixel.
+// For passes/paths/trace.comp, which only traces: the rays that paths have chosen, and what it has found. By pixel.
 layout(set = 1, scalar) buffer PathsRaysBlock { PathRays at[]; } paths_rays;
 layout(set = 1, scalar) buffer PathsHitsBlock { PathHit at[]; } paths_hits;
 // Ray queues of the indices of pixels whose paths wait: one of waves with even index, then one of waves with odd index.

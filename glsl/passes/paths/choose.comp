@@ -1,4 +1,4 @@
-// Chooses the next rays of each path that waits, where trace.comp traces them.
+// Chooses the next rays of each path that waits, for trace.comp.
 #version 460
 #include "passes/paths/path_state.glsl"
 

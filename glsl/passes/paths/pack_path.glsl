@@ -45,7 +45,7 @@ Path unpack_path(PathState state) {
     return path;
 }
 
-// ---- rays that passes of their own trace --------------------------------------------------------------
+// ---- rays for a pass that only traces -----------------------------------------------------------------
 
 PathRays pack_rays(Path path) {
     LightSample light = path.light_sample;

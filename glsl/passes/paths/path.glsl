@@ -24,13 +24,13 @@ layout(constant_id = paths_reuse_id) const bool paths_reuse = false;
 
 struct Path {
     Vertex vertex;                // the current one, from which the next ray leaves
-    Receiver receiver;            // the vertex that the last ray left
-    ShadowRay shadow_ray;         // that leaves it too
-    bool has_ray;                 // whether `walk` leads on from there
+    Receiver receiver;            // the vertex for which choose_rays has chosen rays
+    ShadowRay shadow_ray;         // from that vertex to a light
+    bool has_ray;                 // whether a ray leads on from that vertex, along `walk`; without one the path ends
     Walk walk;                    // along the last ray; its throughput is without `first_weight`
     Hit hit;                      // of the last ray
     bool specular_only;           // the next direction is of the specular lobe: the world cache gave the diffuse light
-    uint bounce;                  // rays traced so far
+    uint bounce;                  // rays chosen so far, without shadow rays
     uint delta_bounces;           // of them, those in directions of delta lobes
     PerLobe first_weight;         // BRDF times cosine over pdf of the first ray, by lobe of the first vertex
     // Of the blended surfaces and thin-walled glass that the first ray has passed, with a `probability`; `weight` is

@@ -1,4 +1,4 @@
-// Paths between passes.
+// What buffers keep of a path from one pass to the next.
 #ifndef PASSES_PATHS_STORED_PATH_GLSL
 #define PASSES_PATHS_STORED_PATH_GLSL
 
@@ -29,10 +29,10 @@ struct PathState {
     Medium medium;
 };
 
-// Where passes of their own trace: the rays that a path has chosen.
+// The rays that a path has chosen, for a pass that only traces.
 struct PathRays {
-    uint has_ray;  // 0: the shadow ray alone
-    vec3 origin;   // of the ray in the path's direction
+    uint has_ray;  // 0: only the shadow ray is traced, and the path ends
+    vec3 origin;   // of the ray that leads on, in PathState.direction
     float mis_pdf;
     float wavelength;
     vec3 receiver_position;
@@ -41,7 +41,7 @@ struct PathRays {
     uvec3 light_sample;
 };
 
-// What they have met.
+// What that pass has found along them.
 struct PathHit {
     vec3 visibility;  // of the light sample
     float t;

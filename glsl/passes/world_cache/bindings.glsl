@@ -48,8 +48,8 @@ const uint SEES_WALL = 0x80000000u;  // the cell's point of this frame doesn't s
 layout(set = 1, scalar) buffer WorldCacheSamplesBlock { WorldCacheSample at[]; } world_cache_samples;
 layout(set = 1, scalar) buffer WorldCacheDispatchBlock { IndirectDispatch size; } world_cache_dispatch;
 
-// Where passes of their own trace: the paths of cells that are updated in a frame, as many as there is room for.
-// `thread`: of find_cell_to_update.
+// The paths of the cells that a frame updates, for passes/world_cache/trace.comp, which only traces. `thread`: the one
+// for which find_cell_to_update returns the cell.
 struct WorldCachePath {
     uint thread;
     PathState state;

@@ -9,14 +9,14 @@
 // Adds what a path has found.
 void add_to_cell(Path path, uint thread) { world_cache_samples.at[thread].irradiance += PI * path_light(path).diffuse; }
 
-// Where passes of their own trace: whether there is room for the paths of all cells. Some alone would be those of the
-// threads that happen to be first, and shaders round differently, so that a seed would no longer give one picture.
+// Whether world_cache_paths has room for the paths of all cells. Else none is stored: the order of threads would decide
+// which ones are, and since shaders round differently, a seed would no longer give one picture.
 bool paths_have_room() {
     float most = min(float(world_cache_counters.active_cells), update_cap());
     return most + 8.0 * sqrt(most) < float(world_cache_paths.at.length());  // the number is random: 8 of its deviations
 }
 
-// Whether a thread has a path there. Chooses the world of its cell.
+// Whether there is a path at this index of world_cache_paths. Sets world_index to the world of its cell.
 bool find_cell_path(uint index) {
     uint count = min(world_cache_counters.updates, world_cache_paths.at.length());
     if (!paths_have_room() || index >= count) { return false; }
