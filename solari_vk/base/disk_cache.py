@@ -1,4 +1,4 @@
-"""What the package keeps on disk because it takes long to make: compiled shaders and pipelines.
+"""What the package keeps on disk because it takes long to make: compiled shaders and pipelines, measured speeds.
 
 An entry is a file: the SHA-256 of its content, then the content, so that a damaged entry is noticed. It is written
 atomically, so that another process sees all of it or nothing.
@@ -10,11 +10,15 @@ import hashlib
 import os
 import stat
 import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from functools import cache
 from pathlib import Path
 
 from solari_vk.base.errors import SolariError, warn
 from solari_vk.base.files import is_trusted_owner, make_folder, open_regular, whole_file
+from solari_vk.base.folder_lock import HeldError, lock_folder
 
 _OFF = ("", "0", "off", "no")
 _MAX_LINKS = 40
@@ -172,3 +176,22 @@ def store(name: str, content: bytes) -> None:
         _warn_once(
             base, f"compiled shaders and pipelines can't be kept: {error}, by SOLARI_VK_CACHE, or set it to 'off'"
         )
+
+
+@contextmanager
+def alone(name: str, seconds: float) -> Iterator[None]:
+    """A context that processes enter one after the other, to make an entry once. Nobody waits longer than this, nor
+    where the cache is off or can't be written."""
+    found = _trusted_folder(name)
+    lock = None
+    until = time.monotonic() + seconds
+    while found and lock is None and time.monotonic() < until:
+        try:
+            make_folder(found[1], mode=0o700)
+            lock = lock_folder(found[1] / f"{name}.lock")
+        except HeldError:
+            time.sleep(0.05)
+        except SolariError:
+            break
+    yield
+    del lock  # which was held until here

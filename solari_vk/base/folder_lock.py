@@ -26,11 +26,15 @@ _LARGEST = 4096  # bytes of a lock file
 _locks: WeakValueDictionary[Path, FolderLock] = WeakValueDictionary()
 
 
+class HeldError(SolariError):
+    """Another process holds the lock."""
+
+
 class FolderLock:
     """Holds the lock file at `path` until the object is gone: `flock`, which also works on NFS between machines.
 
-    Raises SolariError if another process holds it, saying which one and for how long, if it can't be written, and if
-    something else has this name.
+    Raises HeldError if another process holds it, saying which one and for how long, and SolariError if it can't be
+    written, and if something else has this name.
     """
 
     def __init__(self, path: Path) -> None:
@@ -100,7 +104,7 @@ def _take(path: Path, file: int, *, is_new: bool) -> bool:
     except BlockingIOError:
         if is_new:
             return False
-        raise SolariError(f"{path.parent}: {_owner(file)}: wait for it, or give another folder") from None
+        raise HeldError(f"{path.parent}: {_owner(file)}: wait for it, or give another folder") from None
     except OSError:  # a disk without locks
         if is_new and _is_at(path, file):
             path.unlink()

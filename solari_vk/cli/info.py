@@ -16,7 +16,8 @@ from solari_vk import __version__
 from solari_vk.base.errors import DeviceError, SolariError
 from solari_vk.cli.commands import WHY_NO_WINDOW
 from solari_vk.cli.options import resolve
-from solari_vk.gpu.device.rays import AUTO, DRIVER, IN_WORDS, automatic_method
+from solari_vk.gpu.device.measured_rays import known_speeds
+from solari_vk.gpu.device.rays import AUTO, DRIVER, IN_WORDS, automatic_method, is_unlisted
 
 if TYPE_CHECKING:
     from solari_vk.gpu.device.physical import DeviceReport
@@ -195,8 +196,12 @@ def _print_device(report: Any) -> None:
 
 def _rays_without_option(report: Any) -> str:
     wanted = os.environ.get("SOLARI_VK_RAYS") or AUTO
+    unlisted = is_unlisted(report.missing_rays, report.kind, report.driver_id)
+    speeds = known_speeds(report.uuid, report.driver) if unlisted else None
+    if wanted == AUTO and unlisted and speeds is None:
+        return "by ray queries or compute shaders, whichever is faster: measured at first use"
     if wanted == AUTO:
-        rays, why = automatic_method(report.missing_rays, report.kind)
+        rays, why = automatic_method(report.missing_rays, report.kind, speeds)
     else:
         works = report.missing_rays.get(wanted) == []
         rays, why = (wanted if works else "", f"SOLARI_VK_RAYS is {wanted!r}")

@@ -30,7 +30,7 @@ class DeviceOptions:
 
     device: str | None = option("part of a device's name, its index, its UUID, gpu or cpu")
     rays: str | None = option(
-        "trace by ray queries, ray tracing pipelines or compute shaders (auto: the first that the device has)",
+        "trace by ray queries, ray tracing pipelines or compute shaders (auto: the fastest, as solari-vk info says)",
         choices=("auto", "query", "pipeline", "compute"),
     )
 

@@ -13,6 +13,7 @@ from weakref import WeakSet
 from solari_vk.base.errors import DeviceError, SolariError, ValidationError, is_name, quoted, warn
 from solari_vk.gpu.device import raw
 from solari_vk.gpu.device.instance import Instance
+from solari_vk.gpu.device.measured_rays import measured_speeds
 from solari_vk.gpu.device.physical import (
     OPTIONAL_EXTENSIONS,
     POSITION_FETCH,
@@ -21,7 +22,7 @@ from solari_vk.gpu.device.physical import (
     choose,
     feature_chain,
 )
-from solari_vk.gpu.device.rays import AUTO, RAYS, automatic_method
+from solari_vk.gpu.device.rays import AUTO, RAYS, automatic_method, is_unlisted
 from solari_vk.gpu.device.software import why_software
 
 _FORKED = (
@@ -68,7 +69,10 @@ class LogicalDevice:
 
     def _open(self, chosen: PhysicalDevice) -> None:
         if self.rays == AUTO:
-            self.rays, _ = automatic_method(chosen.missing_rays, chosen.properties.kind)
+            p = chosen.properties
+            unlisted = is_unlisted(chosen.missing_rays, p.kind, p.driver_id)
+            speeds = measured_speeds(p.uuid, p.driver) if unlisted else None
+            self.rays, _ = automatic_method(chosen.missing_rays, p.kind, speeds)
         self.instance = self._instance.handle
         self.instance_vk = self._instance.vk
         self.messages = self._instance.messages

@@ -78,7 +78,7 @@ class DeviceReport:
     """A device as `solari-vk info` lists it; `missing` is empty if the package can use the device.
 
     `missing_rays`: what the device lacks for each method of tracing, a key of RAYS; no methods if it lacks
-    anything else, because a device that is too old isn't asked for its features.
+    anything else, because a device that is too old isn't asked for its features. `driver_id`: its VkDriverId.
     """
 
     index: int
@@ -89,6 +89,7 @@ class DeviceReport:
     api_version: tuple[int, int, int]
     missing: list[str]
     missing_rays: dict[str, list[str]]
+    driver_id: int = 0
 
 
 @dataclass(frozen=True)
@@ -102,6 +103,7 @@ class DeviceProperties:
     driver: str
     api_version: tuple[int, int, int]
     vendor_id: int
+    driver_id: int
     limits: Any
     core12: Any
     acceleration: Any
@@ -160,6 +162,7 @@ class PhysicalDevice:
             driver=driver or f"version {core.driverVersion:#x}",
             api_version=version,
             vendor_id=core.vendorID,
+            driver_id=core12.driverID,
             limits=core.limits,
             core12=core12,
             acceleration=acceleration,
@@ -251,7 +254,8 @@ class PhysicalDevice:
         """This device as a row of `list_devices`."""
         p = self.properties
         missing_rays = {} if self._lacks_besides_rays() else self.missing_rays
-        return DeviceReport(self.index, p.name, p.kind, p.uuid, p.driver, p.api_version, self.lacks(), missing_rays)
+        identity = self.index, p.name, p.kind, p.uuid, p.driver, p.api_version
+        return DeviceReport(*identity, self.lacks(), missing_rays, p.driver_id)
 
 
 def feature_chain(features: dict[str, tuple[str, ...]]) -> tuple[raw.CData, dict[str, raw.CData]]:
