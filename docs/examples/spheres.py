@@ -35,5 +35,5 @@ def render(device, spheres, size=(320, 180)):
 if __name__ == "__main__":
     random = np.random.default_rng(2)
     cloud = np.hstack([random.uniform(-2, 2, (200, 3)), random.uniform(0.05, 0.3, (200, 1))])
-    with sv.Device() as device:
+    with sv.Device(rays="query") as device:
         sv.save_image(sys.argv[1] if len(sys.argv) > 1 else "spheres.png", render(device, cloud), exposure=1.0)
