@@ -23,7 +23,7 @@ from solari_vk.gpu.structures import build_mesh_structures, mesh_structure, scen
 
 SHEETS = 8
 CELL_BITS = 6  # a sheet has 2^CELL_BITS cells along each side
-RAYS = 1 << 17
+RAYS = 1 << 18
 SECONDS = 0.05  # of each way
 
 

@@ -147,6 +147,7 @@ def test_a_device_is_measured_by_another_process(unlisted, monkeypatch):
 def test_both_ways_must_find_the_same_hits(any_device, monkeypatch, scale):
     meshes = [ray_speed.wavy_sheets(), scale * ray_speed.wavy_sheets()]
     monkeypatch.setattr(ray_speed, "wavy_sheets", meshes.pop)
+    monkeypatch.setattr(ray_speed, "RAYS", 1 << 14)
     with Device(rays="query") as by_query, Device(rays="compute") as by_compute:
         devices = {"query": by_query, "compute": by_compute}
         if scale == 1:
