@@ -38,6 +38,7 @@ uint thread;
 // The primitives of this workgroup's chunk: [chunk_begin, chunk_end). Its lists have the same place among all.
 uint chunk_begin;
 uint chunk_end;
+uint attempt;  // how often its triangles have been clustered before
 
 void wait_for_all() {
     memoryBarrierBuffer();
@@ -100,51 +101,55 @@ uint halvings_to_one(uint count) { return count > 1u ? uint(findMSB(count - 1u))
 
 // ---- from clusters to nodes -------------------------------------------------------------------------
 
-// Where the primitives of a subtree begin in the order of the tree. within_leaf: whether it is part of a leaf.
-uint place_of(uint cluster, out bool within_leaf) {
-    uint place = 0u;
-    within_leaf = false;
+// Where the primitives and the leaves of a subtree begin in the order of the tree.
+struct Place {
+    uint primitive;
+    uint leaf;
+    bool within_leaf;  // of a part of a leaf, whose `leaf` means nothing
+};
+
+Place behind(Place place, Cluster cluster) {
+    uint primitive = place.primitive + (cluster.size & ~IS_LEAF);
+    return Place(primitive, place.leaf + leaves_of(cluster), place.within_leaf);
+}
+
+Place place_of(uint cluster) {
+    Place place = Place(0u, 0u, false);
     uint parent = build.clusters.at[cluster].parent;
     while (parent >= build.count) {
         Cluster above = build.clusters.at[parent];
-        if (above.second == cluster) { place += build.clusters.at[above.first].size & ~IS_LEAF; }
-        within_leaf = within_leaf || (above.size & IS_LEAF) != 0u;
+        if (above.second == cluster) { place = behind(place, build.clusters.at[above.first]); }
+        place.within_leaf = place.within_leaf || (above.size & IS_LEAF) != 0u;
         cluster = parent;
         parent = above.parent;
     }
     return place;
 }
 
-// A child of a node. place: of its first primitive.
-uint reference_of(Cluster child, uint place) {
+// A child of a node.
+uint reference_of(Cluster child, Place place) {
     uint size = child.size & ~IS_LEAF;
-    if ((child.size & IS_LEAF) != 0u) { return LEAF | (size - 1u) << LEAF_COUNT_SHIFT | place; }
-    // Each node lies between two primitives, where its second child begins, and no two nodes lie between the same.
-    return place + (build.clusters.at[child.first].size & ~IS_LEAF);
+    if ((child.size & IS_LEAF) != 0u) { return LEAF | (size - 1u) << LEAF_COUNT_SHIFT | place.primitive; }
+    // Each node lies between two leaves, where its second child begins, and no two nodes lie between the same.
+    return place.leaf + leaves_of(build.clusters.at[child.first]);
 }
 
 void write_leaf(uint number) {
-    bool within_leaf;
-    uint place = place_of(number, within_leaf);
+    uint place = place_of(number).primitive;
     if (build.is_of_instances != 0u) { write_instance(place, number); } else { write_triangle(place, number); }
 }
 
 void write_node(uint node) {
     Cluster own = build.clusters.at[node];
-    bool within_leaf;
-    uint place = place_of(node, within_leaf);
+    Place place = place_of(node);
+    if (place.within_leaf || (own.size & IS_LEAF) != 0u) { return; }
     Cluster first = build.clusters.at[own.first], second = build.clusters.at[own.second];
-    uint middle = place + (first.size & ~IS_LEAF);
-    if (within_leaf || (own.size & IS_LEAF) != 0u) {
-        // Refits look at all slots.
-        MadeNodes(build.nodes).at[middle] = NO_NODE;
-        return;
-    }
+    Place middle = behind(place, first);
     uint parent = 0u;
     if (own.parent >= build.count) {
-        parent = build.clusters.at[own.parent].second == node ? place : place + (own.size & ~IS_LEAF);
+        parent = build.clusters.at[own.parent].second == node ? place.leaf : place.leaf + leaves_of(own);
     }
-    MadeNodes(build.nodes).at[middle] = TreeNode(
+    MadeNodes(build.nodes).at[middle.leaf] = TreeNode(
         first.low, reference_of(first, place), first.high, parent,
         second.low, reference_of(second, middle), second.high, 0u
     );
@@ -153,6 +158,10 @@ void write_node(uint node) {
 void write_chunk() {
     uint root = build.lists.at[0];
     for (uint number = chunk_begin + thread; number < chunk_end; number += THREADS) {
+        // Refits look at all slots.
+        if (build.keeps_all != 0u && number < build.slot_count && number >= leaves_of(build.clusters.at[root])) {
+            MadeNodes(build.nodes).at[number] = NO_NODE;
+        }
         if (build.clusters.at[number].parent == UNHITTABLE) { continue; }
         write_leaf(number);
         // Behind the primitive that the root holds there is no node.
@@ -169,7 +178,7 @@ void write_entrance(uint count) {
         Cluster whole = build.clusters.at[build.lists.at[0]];
         entrance.first_low = whole.low;
         entrance.first_high = whole.high;
-        entrance.first = reference_of(whole, 0u);
+        entrance.first = reference_of(whole, Place(0u, 0u, false));
         entrance.second_low.x = cost_for_ray(whole.cost, half_area(whole.low, whole.high));
     }
     MadeNodes(build.nodes).at[0] = entrance;
@@ -190,11 +199,17 @@ void main() {
     }
     uint halvings = halvings_of(work.stage), count;
     find_chunk(halvings, part.y, chunk_begin, chunk_end);
-    if (work.stage == 0u) {
-        count = merge_chunk(make_clusters(), 0u, halvings, 0u);
-    } else {
-        uint before = halvings_of(work.stage - 1u);
-        count = merge_chunk(join_lists(before, part.y, before - halvings), 1u, halvings, work.stage);
+    uint list = min(work.stage, 1u);
+    bool is_final = work.stage > 0u || build.is_of_instances != 0u;
+    for (attempt = 0u;; attempt++) {
+        if (work.stage == 0u) {
+            count = make_clusters();
+        } else {
+            uint before = halvings_of(work.stage - 1u);
+            count = join_lists(before, part.y, before - halvings);
+        }
+        count = merge_chunk(count, list, halvings, work.stage);
+        if (is_final || attempt == LAST_ATTEMPT || !has_too_many_leaves(count)) { break; }
     }
     if (halvings == 0u && thread == 0u) { write_entrance(count); }
     if (build.halvings == 0u) { write_chunk(); }

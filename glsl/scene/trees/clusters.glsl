@@ -2,13 +2,21 @@
 #ifndef SCENE_TREES_CLUSTERS_GLSL
 #define SCENE_TREES_CLUSTERS_GLSL
 
-// Where the chunk's lists are: two of clusters in turn, and behind them what each cluster is nearest to.
+const uint ONE_LEAF = 1u << HEIGHT_BITS;  // Cluster.shape
+// A tree has room for half as many leaves as triangles, which is enough for most meshes. A chunk that needs more is
+// clustered again: then so few triangles are a leaf in any case, and others where this costs a ray no more than so many
+// times what a node costs. In the last attempt triangles begin in pairs: of some that lie around others no two meet.
+const uint LAST_ATTEMPT = 5u;
+const uint SMALL_LEAVES[] = uint[](0u, 2u, 2u, 2u, 3u, 3u);
+const float LEAF_COSTS[] = float[](1.0, 1.1, 1.2, 1.35, 1.35, 1.35);
+
+// Where the chunk's lists are: two of clusters in turn, then what each cluster is nearest to, and sorted primitives.
 uint list_at(uint list) { return list * build.count + chunk_begin; }
 uint nearest_at() { return list_at(2u); }
 
-// The number of a primitive in spatial order, which the third list has until clusters are merged.
+// The number of a primitive in spatial order.
 uint number_at(uint place) {
-    return build.sorts_first != 0u ? build.lists.at[nearest_at() + place] : chunk_begin + place;
+    return build.sorts_first != 0u ? build.lists.at[list_at(3u) + place] : chunk_begin + place;
 }
 
 // Makes a cluster of each primitive that rays can hit; returns their number. Their list is the first one.
@@ -24,7 +32,7 @@ uint make_clusters() {
         made.cost = TRIANGLE_COST * half_area(made.low, made.high);
         made.size = 1u | IS_LEAF;
         made.parent = hittable ? number : UNHITTABLE;
-        made.height = 0u;
+        made.shape = ONE_LEAF;
         build.clusters.at[number] = made;
         if (build.is_of_instances != 0u) { write_slot(number); }
         found += hittable ? 1u : 0u;
@@ -70,7 +78,7 @@ uint nearest_cluster(uint list, uint count, uint place, uint max_height) {
             nearest = other;
         }
     }
-    uint height = max(own.height, build.clusters.at[build.lists.at[list + nearest]].height);
+    uint height = max(height_of(own), height_of(build.clusters.at[build.lists.at[list + nearest]]));
     return height < max_height ? nearest : place;
 }
 
@@ -84,15 +92,16 @@ uint merge(uint first, uint second) {
     made.first = first;
     made.second = second;
     made.size = (a.size & ~IS_LEAF) + (b.size & ~IS_LEAF);
-    made.height = max(a.height, b.height) + 1u;
+    made.shape = (leaves_of(a) + leaves_of(b) << HEIGHT_BITS) + max(height_of(a), height_of(b)) + 1u;
     float area = half_area(made.low, made.high);
     float as_node = NODE_COST * area + a.cost + b.cost;
     float as_leaf = TRIANGLE_COST * area * float(made.size);
     made.cost = as_node;
-    if (build.is_of_instances == 0u && made.size <= MAX_LEAF_TRIANGLES && as_leaf <= as_node) {
+    bool is_leaf = made.size <= SMALL_LEAVES[attempt] || as_leaf <= LEAF_COSTS[attempt] * as_node;
+    if (build.is_of_instances == 0u && made.size <= MAX_LEAF_TRIANGLES && is_leaf) {
         made.cost = as_leaf;
         made.size |= IS_LEAF;
-        made.height = 0u;
+        made.shape = ONE_LEAF;
     }
     made.parent = a.parent;
     build.clusters.at[node] = made;
@@ -140,10 +149,10 @@ uint merge_chunk(uint count, uint list, uint halvings, uint stage) {
     uint stages_later = (halvings + work.stage_halvings - 1u) / work.stage_halvings;
     uint spare = MAX_TREE_HEIGHT - halvings_to_one(build.count);
     uint max_height = MAX_TREE_HEIGHT - levels_later - spare * stages_later / (stages_later + stage + 1u);
-    bool by_place = false;
-    for (uint round = 0u; count > 1u << left_halvings; round++) {
+    bool by_place = attempt == LAST_ATTEMPT;
+    for (uint round = 0u; count > 1u << left_halvings || (by_place && round == 0u); round++) {
         // Rounds by place make every cluster one higher, and so many of them are always enough from here on.
-        uint rounds_left = halvings_to_one(count) - left_halvings;
+        uint rounds_left = max(halvings_to_one(count), left_halvings) - left_halvings;
         uint left = merge_pairs(list_at(list), list_at(1u - list), count, max_height - rounds_left, by_place);
         by_place = left == count || round >= MAX_ROUNDS;
         count = left;
@@ -153,6 +162,18 @@ uint merge_chunk(uint count, uint list, uint halvings, uint stage) {
     if (thread == 0u) { build.lists.at[nearest_at()] = count; }
     wait_for_all();
     return count;
+}
+
+// Whether the clusters that are left of this chunk have more leaves than the tree has room for.
+bool has_too_many_leaves(uint count) {
+    uint begin, end, leaves = 0u, total;
+    own_part(count, begin, end);
+    for (uint place = begin; place < end; place++) {
+        leaves += leaves_of(build.clusters.at[build.lists.at[list_at(0u) + place]]);
+    }
+    sum_before(leaves, total);
+    wait_for_all();
+    return total > (chunk_end - chunk_begin + 1u) / 2u;
 }
 
 #endif

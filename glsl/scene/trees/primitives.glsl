@@ -28,8 +28,13 @@ struct Cluster {
     float cost;   // of the surface area heuristic, times the root's area
     uint size;    // primitives
     uint parent;  // or below build.count, while there is none, the number that the cluster holds
-    uint height;  // nodes on the longest path to a leaf
+    uint shape;   // its leaves, then in HEIGHT_BITS the nodes on the longest path to a leaf
 };
+
+const uint HEIGHT_BITS = 6u;
+
+uint height_of(Cluster cluster) { return cluster.shape & ((1u << HEIGHT_BITS) - 1u); }
+uint leaves_of(Cluster cluster) { return cluster.shape >> HEIGHT_BITS; }
 
 layout(buffer_reference, scalar, buffer_reference_align = 16) coherent buffer Clusters { Cluster at[]; };
 layout(buffer_reference, scalar, buffer_reference_align = 4) coherent buffer List { uint at[]; };
@@ -48,7 +53,7 @@ struct TreeBuild {
     uvec2 flat_tree;            // of the scene, or 0
     uvec2 nodes;                // what is made: slot_count nodes, then the leaves
     Clusters clusters;          // scratch: 2 * count
-    List lists;                 // scratch: 3 * count
+    List lists;                 // scratch: 4 * count
     uint count;                 // of triangles or instances
     uint slot_count;
     uint is_of_instances;

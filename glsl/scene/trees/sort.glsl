@@ -87,7 +87,7 @@ void move_keys(uint begin, uint end, uint from, uint shift, uint chunk) {
         uint digit = digit_of(key, shift);
         uint target = digit_moves[digit] + digit_places[digit * THREADS + thread]++;
         all_keys().at[build.count - from + target] = key;
-        build.lists.at[2u * build.count + target] = key.y;  // the last round leaves the order there
+        build.lists.at[3u * build.count + target] = key.y;  // the last round leaves the order there
     }
 }
 
@@ -111,7 +111,7 @@ void sort_step(uint step, uint chunk) {
     }
 }
 
-// Leaves the triangles in the third list. Step STEPS stands for all, of a tree of one chunk.
+// Leaves the triangles in the fourth list. Step STEPS stands for all, of a tree of one chunk.
 void sort_triangles(uint step, uint chunk) {
     find_chunk(build.halvings, chunk, chunk_begin, chunk_end);
     uint last = step;

@@ -30,12 +30,12 @@ TAG_DTYPE = np.dtype([("number", "<u4"), ("slot", "<u4")])
 """TriangleTags of build.comp."""
 CLUSTER_BYTES = 48
 PLACE_BYTES = 4
-# Scratch for each primitive: the primitive itself and a node above it, and a place in three lists.
-SCRATCH_BYTES = 2 * CLUSTER_BYTES + 3 * PLACE_BYTES
+# Scratch for each primitive: the primitive itself and a node above it, and a place in four lists.
+SCRATCH_BYTES = 2 * CLUSTER_BYTES + 4 * PLACE_BYTES
 # A large scene is built in parts, of which only one at a time needs scratch.
 SCRATCH_BUDGET = 256 << 20
-# A leaf has 28 bits for the place of its first primitive.
-MAX_PRIMITIVES = 1 << 28
+# While a tree is built, 26 bits count its leaves, of which there are half as many as triangles.
+MAX_PRIMITIVES = 1 << 27
 GROUP_SIZE = 256  # threads of a workgroup
 MAX_GROUPS = 65535  # of one dispatch, on any device
 # Of a large tree each workgroup clusters up to 2^(LEFT_HALVINGS + STAGE_HALVINGS) neighbors until 2^LEFT_HALVINGS are
@@ -62,7 +62,7 @@ def _memory(device: Device, size: int, name: str) -> Buffer:
     except DeviceError as error:
         if device.lost or device.closed:
             raise
-        each = f"{NODE_BYTES + TRIANGLE_BYTES} bytes a triangle, and {SCRATCH_BYTES} more while they are built"
+        each = f"{NODE_BYTES // 2 + TRIANGLE_BYTES} bytes a triangle, and {SCRATCH_BYTES} more while they are built"
         raise DeviceError(f"{error}; trees take {each}: simplify large meshes, or split them") from error
 
 
@@ -74,10 +74,15 @@ def tree_kernel(device: Device, name: str) -> Kernel:
     return made[name]
 
 
-class Tree:
-    """Memory for a tree over at most `capacity` primitives, whose leaves have so many bytes each."""
+def halvings_of(count: int) -> int:
+    """How often so many primitives are halved into chunks."""
+    return (max(count - 1, 0) >> LEFT_HALVINGS + STAGE_HALVINGS).bit_length()
 
-    def __init__(self, device: Device, capacity: int, leaf_bytes: int, name: str) -> None:
+
+class Tree:
+    """Memory for a tree over at most `capacity` primitives in `leaves` leaves. leaf_bytes: of each primitive."""
+
+    def __init__(self, device: Device, capacity: int, leaves: int, leaf_bytes: int, name: str) -> None:
         if capacity > MAX_PRIMITIVES:
             raise SolariError(f"{name}: a tree holds {MAX_PRIMITIVES:,} primitives, not {capacity:,}: split it")
         self.device = device
@@ -85,8 +90,9 @@ class Tree:
         self.built = False
         self.destroyed = False
         # Slot 0 is there for an empty tree too.
-        self.slot_count = max(capacity, 1)
-        self.buffer = _memory(device, (NODE_BYTES + leaf_bytes) * self.slot_count, self.describe())
+        self.slot_count = max(leaves, 1)
+        size = NODE_BYTES * self.slot_count + leaf_bytes * max(capacity, 1)
+        self.buffer = _memory(device, size, self.describe())
         self.address = self.buffer.address
 
     def describe(self) -> str:
@@ -114,7 +120,9 @@ class MeshTree(Tree):
     """A tree over the triangles of a mesh in device memory, which come in spatial order. moves: it can be refitted."""
 
     def __init__(self, device: Device, geometry: TriangleGeometry, name: str, *, moves: bool = False) -> None:
-        super().__init__(device, geometry.triangle_count, TRIANGLE_BYTES, name)
+        count = geometry.triangle_count
+        # build.comp gives each of its chunks no more leaves than half its triangles, rounded up.
+        super().__init__(device, count, (count + (1 << halvings_of(count))) // 2, TRIANGLE_BYTES, name)
         self.geometry = geometry
         self.moves = moves
         self.topology = Topology(self)
@@ -165,7 +173,7 @@ class SceneTree(Tree):
     """
 
     def __init__(self, device: Device, max_instances: int, *, name: str = "scene") -> None:
-        super().__init__(device, max_instances, INSTANCE_BYTES + SLOT_BYTES, name)
+        super().__init__(device, max_instances, max_instances, INSTANCE_BYTES + SLOT_BYTES, name)
         self.max_instances = max_instances
 
     def record_clear(self, commands: raw.CData) -> None:
@@ -233,7 +241,7 @@ class TreeBuilds:
         self._device = device
         self.trees = [tree for tree, _ in jobs]
         counts = [max(read["count"], 1) for _, read in jobs]  # chunks of nothing write their length too
-        halvings = [(max(count - 1, 0) >> LEFT_HALVINGS + STAGE_HALVINGS).bit_length() for count in counts]
+        halvings = list(map(halvings_of, counts))
         records = np.zeros(len(jobs), BUILD_DTYPE)
         records["halvings"] = halvings
         records["sorts_first"] = [read.get("sorts_first", 0) for _, read in jobs]
@@ -253,7 +261,7 @@ class TreeBuilds:
             for name, value in (read | made).items():
                 record[name] = value
             clusters += 2 * CLUSTER_BYTES * count
-            lists += 3 * PLACE_BYTES * count
+            lists += 4 * PLACE_BYTES * count
         if jobs:
             self._records.upload(records)
             self._parts.upload(parts)
@@ -284,7 +292,7 @@ def build_meshes(
     triangles, which may be in no spatial order any more; the trees were refitted."""
     part: list[MeshTree] = []
     for tree in trees:
-        if SCRATCH_BYTES * sum(one.slot_count for one in (*part, tree)) > budget and part:
+        if SCRATCH_BYTES * sum(one.geometry.triangle_count for one in (*part, tree)) > budget and part:
             _submit(device, part, moved)
             part = []
         part.append(tree)
