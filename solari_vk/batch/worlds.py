@@ -319,9 +319,10 @@ class Worlds:
         records = self._binder.records
         row = records.instance_rows[instance]
         place = records.traced.record_index(row)
-        if override.transforms is not None:
-            # It isn't where the flat tree has it.
+        if override.transforms is not None or override.materials is not None:
+            # It isn't what the flat tree has.
             self._traced["sbt_offset_and_flags"][:, place] &= ~SLOT_MASK
+            self._traced["blas_address"][:, place] = records.traced.use_own_tree(self._device, row)
         if override.transforms is not None and not isinstance(override.transforms, DeviceTensor):
             placed = override.transforms[:, :3].copy()
             self._binder.use_scale(instance, float(np.linalg.norm(placed[..., :3], axis=1).max()))

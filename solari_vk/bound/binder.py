@@ -58,7 +58,9 @@ class SceneBinder:
             self.assets = Assets(device, self)
             self._all_records = self._make_records(dict.fromkeys(scenes))
             if not self.has_many_scenes:
-                self.tlas = SceneTlas(device, self._all_records[0].traced, self.assets.geometry.orders)
+                geometry = self.assets.geometry
+                self.tlas = SceneTlas(device, self._all_records[0].traced, geometry.orders)
+                geometry.structures.builds_at_once = self._all_records[0].traced.flat is None
         each = {records.scene: records for records in self._all_records}
         self.listed_records = [each[one] for one in scenes]
         """The records of each scene of the list, in its order; a scene that stands there twice has its records

@@ -26,6 +26,8 @@ class MeshStructures:
         self._built: dict[Build, MeshStructure] = {}
         self._builds: RowAllocator[Build] = RowAllocator()  # whose users share a structure
         self._build_of: dict[Mesh, Build] = {}
+        self.builds_at_once = True
+        """Whether all structures are built. Otherwise `TracedRecords` builds those that rays need."""
         self.all_alive = True
         """Whether no structure was destroyed since this was last set: the TLAS of the previous frame may name it."""
 
@@ -38,7 +40,8 @@ class MeshStructures:
             made = {
                 build: mesh_structure(self._device, traced[mesh], mesh.name or "mesh") for build, mesh in new.items()
             }
-            build_mesh_structures(self._device, list(made.values()))
+            if self.builds_at_once:
+                build_mesh_structures(self._device, list(made.values()))
         self._built |= made
         # All are acquired before earlier ones are dropped, which may be the same, or what another mesh has from now on.
         for mesh, build in builds.items():

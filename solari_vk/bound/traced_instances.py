@@ -16,7 +16,14 @@ from solari_vk.gpu.acceleration.tlas import INSTANCE_DTYPE
 from solari_vk.gpu.device import raw
 from solari_vk.gpu.device.buffer import Buffer
 from solari_vk.gpu.device.device import Device
-from solari_vk.gpu.structures import SceneStructure, scene_build, scene_copy, scene_structure, traces_by_compute
+from solari_vk.gpu.structures import (
+    SceneStructure,
+    build_mesh_structures,
+    scene_build,
+    scene_copy,
+    scene_structure,
+    traces_by_compute,
+)
 from solari_vk.gpu.trees.tree import FlatTree
 
 # The bits of custom_index_and_mask above the index. HIDDEN isn't 0, because Mesa 26.2 loses other instances where a
@@ -62,6 +69,11 @@ class TracedRecords:
         """Which of the instances are in one tree, where rays are traced by compute."""
         self._indices: dict[int, int] = {}  # index of the record of each row
         self._mesh_boxes: dict[int, Box] = {}
+        # Where some instances are in one tree: of each row the structure of its mesh, which may not be built yet, the
+        # rows for which that was not looked at, and those that worlds of a batch have elsewhere.
+        self._structures: dict[int, Any] = {}
+        self._unchecked: set[int] = set()
+        self._moved_by_worlds: set[int] = set()
         self._end = 0  # number of records, including those of removed rows
         self._sorted = True
         self._moved = 0  # records that were written since the last sorting
@@ -94,6 +106,8 @@ class TracedRecords:
             joins = visible and alpha_mode == "opaque" and not structure.moves
             placed = Placed(tuple(transform), mesh, geometry.positions, geometry.triangle_count, box, joins)
             flags |= self.flat.place(row, placed)
+            self._structures[row] = structure
+            self._unchecked.add(row)
         self.table.set(index, *transform, row | mask_of(visible, alpha_mode), flags, structure.address)
 
     def remove(self, row: int) -> None:
@@ -103,6 +117,9 @@ class TracedRecords:
         self._sorted = False
         if self.flat is not None:
             self.flat.remove(row)
+            self._structures.pop(row, None)
+            self._unchecked.discard(row)
+            self._moved_by_worlds.discard(row)
 
     def record_index(self, row: int) -> int:
         """The index of a row's record in `table`."""
@@ -155,6 +172,40 @@ class TracedRecords:
         for row, slot in self.flat.slots.items():
             flags[self._indices[row]] |= slot + 1
         self.table.mark(range(self.count))
+        self._unchecked.update(self._structures)
+
+    # ---- trees of meshes beside the flat tree --------------------------------------------------------
+
+    def _needs_own_tree(self, row: int) -> bool:
+        assert self.flat is not None
+        return row not in self.flat.slots or row in self._moved_by_worlds
+
+    def build_trees(self, device: Device) -> None:
+        """Build the trees that instances outside the flat tree need, and write their addresses."""
+        rows = [row for row in self._unchecked if self._needs_own_tree(row)]
+        structures = dict.fromkeys(self._structures[row] for row in sorted(rows))
+        build_mesh_structures(device, [one for one in structures if not (one.built or one.moves)])
+        for row in rows:
+            index, address = self._indices[row], self._structures[row].address
+            if self.table.records["blas_address"][index] != address:
+                self.table.records["blas_address"][index] = address
+                self.table.mark([index])
+        self._unchecked.clear()
+
+    def take_unused_trees(self) -> list[Buffer]:
+        """The memory of trees of meshes that have instances in the flat tree alone, which is the caller's to free."""
+        needed = {structure for row, structure in self._structures.items() if self._needs_own_tree(row)}
+        unused = dict.fromkeys(one for one in self._structures.values() if one.built and one not in needed)
+        return [tree.take_memory() for tree in unused]
+
+    def use_own_tree(self, device: Device, row: int) -> int:
+        """Have a tree of its own for the mesh of an instance that worlds of a batch have elsewhere; returns its
+        address."""
+        if self.flat is not None:
+            self._moved_by_worlds.add(row)
+            self._unchecked.add(row)
+            self.build_trees(device)
+        return int(self.table.records["blas_address"][self._indices[row]])
 
 
 class SceneTlas:
@@ -177,8 +228,9 @@ class SceneTlas:
         self._addresses: Buffer | None = None  # of both, for shaders that traverse trees
         self._shown: tuple[int, ...] = ()  # what `_addresses` holds
         self._orders = orders
-        self._replaced: list[FlatTree] = []  # flat trees that `current` had before its next build
-        self._of_previous: list[FlatTree] = []  # that of `previous`, if `current` has another one
+        # Trees that `current` had before its next build, and those of `previous` that `current` hasn't any more.
+        self._replaced: list[FlatTree | Buffer] = []
+        self._of_previous: list[FlatTree | Buffer] = []
         if traces_by_compute(device):
             traced.flat = FlatInstances(device)
             self._addresses = device.buffer(16, "world_structures")
@@ -222,7 +274,10 @@ class SceneTlas:
             if replaced is not None:
                 self._replaced.append(replaced)
             self._traced.write_slots()
+            self._replaced += self._traced.take_unused_trees()
             self._rebuild = True
+        if flat is not None:
+            self._traced.build_trees(self._device)
         count = self._traced.count
         if count <= self.current.max_instances:
             return False
@@ -257,10 +312,10 @@ class SceneTlas:
             if not keeps:
                 self._copy_to_previous()
             self._previous_differs = keeps
-            self._free_flat_trees(keeps)
+            self._free_replaced(keeps)
 
-    def _free_flat_trees(self, keeps: bool) -> None:
-        """Free those that neither structure has any more. keeps: `previous` is `current` before its latest build."""
+    def _free_replaced(self, keeps: bool) -> None:
+        """Free trees that neither structure has any more. keeps: `previous` is `current` before its latest build."""
         outdated = self._of_previous if keeps else self._of_previous + self._replaced
         for tree in outdated:
             tree.destroy()

@@ -122,6 +122,82 @@ def test_worlds_move_what_is_in_the_tree(by_compute, monkeypatch):
             np.testing.assert_array_equal(values, other[name], name)
 
 
+def soup(count, seed=0):
+    """A mesh of triangles that lie apart, of which trees have most nodes."""
+    rng = np.random.default_rng(seed)
+    corners = rng.random((count, 1, 3)) + 0.02 * rng.normal(size=(count, 3, 3))
+    return sv.Mesh(corners.reshape(-1, 3), np.arange(3 * count).reshape(-1, 3))
+
+
+def statics(count, triangles, meshes):
+    shapes = [soup(triangles, seed) for seed in range(meshes)]
+    rng = np.random.default_rng(1)
+    return [sv.Instance(shapes[index % meshes], sv.Material(), transform=turned(rng)) for index in range(count)]
+
+
+def posed():
+    mesh = soup(20_000)
+    moves = np.random.default_rng(1).normal(size=(1, *mesh.positions.shape))
+    moving = sv.Mesh(mesh.positions, mesh.triangles, deformation=sv.Deformation(targets=moves))
+    return [sv.Instance(moving, sv.Material(), morph_weights=[0.0])]
+
+
+@pytest.mark.parametrize(
+    ("made", "most"),
+    [
+        (lambda: statics(1, 20_000, 1), 81),
+        (lambda: statics(500, 12, 500), 160),
+        (lambda: statics(20, 10_000, 1), 82),
+        (posed, 161),
+    ],
+    ids=["large", "small", "instanced", "posed"],
+)
+def test_bytes_of_trees_a_triangle(any_device, made, most):
+    """With all that instances take, with a structure of the previous frame, and without what only builds take."""
+    scene = sv.Scene(*made())
+    scene.environment = sv.Sky()
+    with sv.Device(rays="compute") as device, sv.Renderer(device, scene, SIZE) as renderer:
+        for frame in range(5):
+            for instance in scene.instances:
+                if instance.morph_weights is not None:
+                    instance.morph_weights = [0.1 * frame]
+            renderer.render(CAMERA)
+        device.wait_idle()
+        triangles = sum(len(mesh.triangles) for mesh in {instance.mesh for instance in scene.instances})
+        assert 0 < device.memory.bytes_by_use["trees"] < most * triangles
+
+
+def test_meshes_have_trees_while_instances_are_outside(by_compute):
+    """An instance that leaves the common tree, and one in its place that comes in, are hit as by a new tracer."""
+    first, second = statics(2, 3000, 2)
+    scene = sv.Scene(first, second)
+    rng = np.random.default_rng(2)
+    origins = 9 * rng.normal(size=(400, 3))
+    rays = origins, 3 * rng.random((400, 3)) - origins
+
+    def check(tracer, are_built):
+        found = tracer.trace(*rays)
+        with sv.RayTracer(by_compute, scene) as fresh:
+            expected = fresh.trace(*rays)
+        assert np.isfinite(expected["t"]).any()
+        for name in ("t", "primitive", "barycentrics", "position", "normal"):
+            np.testing.assert_array_equal(found[name], expected[name], name)
+        built = [tree.built for tree in tracer.binder.assets.geometry.blases.values()]
+        assert built == are_built
+
+    with sv.RayTracer(by_compute, scene) as tracer:
+        check(tracer, [False, False])
+        first.transform = turned(rng)
+        check(tracer, [True, False])
+        scene.add(moved := sv.Instance(first.mesh, first.material, transform=first.transform))
+        scene.remove(first)
+        tracer.trace(*rays)
+        second.transform = turned(rng)
+        check(tracer, [False, True])
+        scene.remove(moved)
+        check(tracer, [True])
+
+
 BUGS = {
     "t is that of world space": Bug(
         "scene/trace_compute.glsl",

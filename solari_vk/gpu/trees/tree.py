@@ -91,9 +91,31 @@ class Tree:
         self.destroyed = False
         # Slot 0 is there for an empty tree too.
         self.slot_count = max(leaves, 1)
-        size = NODE_BYTES * self.slot_count + leaf_bytes * max(capacity, 1)
-        self.buffer = _memory(device, size, self.describe())
-        self.address = self.buffer.address
+        self._size = NODE_BYTES * self.slot_count + leaf_bytes * max(capacity, 1)
+        self._buffer: Buffer | None = None
+
+    @property
+    def buffer(self) -> Buffer:
+        """The memory, once `ensure_memory` was called."""
+        assert self._buffer is not None
+        return self._buffer
+
+    @property
+    def address(self) -> int:
+        """Where the memory is; 0 if there is none."""
+        return 0 if self._buffer is None else self._buffer.address
+
+    def ensure_memory(self) -> None:
+        """Make the memory before the first build."""
+        if self._buffer is None:
+            self._buffer = _memory(self.device, self._size, self.describe())
+
+    def take_memory(self) -> Buffer:
+        """The memory, which is the caller's to free; the tree can be built again in another one."""
+        taken = self.buffer
+        self._buffer = None
+        self.built = False
+        return taken
 
     def describe(self) -> str:
         """Its name in messages."""
@@ -106,7 +128,8 @@ class Tree:
     def destroy(self) -> None:
         """Free the memory when the work submitted so far is done. Safe to call twice."""
         self.destroyed = True
-        self.buffer.destroy()
+        if self._buffer is not None:
+            self._buffer.destroy()
 
 
 class Topology:
@@ -117,7 +140,8 @@ class Topology:
 
 
 class MeshTree(Tree):
-    """A tree over the triangles of a mesh in device memory, which come in spatial order. moves: it can be refitted."""
+    """A tree over the triangles of a mesh in device memory, which come in spatial order. moves: it can be refitted, and
+    has memory from the start."""
 
     def __init__(self, device: Device, geometry: TriangleGeometry, name: str, *, moves: bool = False) -> None:
         count = geometry.triangle_count
@@ -127,6 +151,7 @@ class MeshTree(Tree):
         self.moves = moves
         self.topology = Topology(self)
         if moves:
+            self.ensure_memory()
             self.buffer.fill()  # what refits pass from child to child
 
     def mark_built(self) -> None:
@@ -174,6 +199,7 @@ class SceneTree(Tree):
 
     def __init__(self, device: Device, max_instances: int, *, name: str = "scene") -> None:
         super().__init__(device, max_instances, max_instances, INSTANCE_BYTES + SLOT_BYTES, name)
+        self.ensure_memory()
         self.max_instances = max_instances
 
     def record_clear(self, commands: raw.CData) -> None:
@@ -247,6 +273,8 @@ class TreeBuilds:
         records["sorts_first"] = [read.get("sorts_first", 0) for _, read in jobs]
         self._stages = _stages(records["halvings"].astype(np.int64), records["sorts_first"] > 0)
         parts = np.concatenate([parts for _, parts in self._stages])
+        for tree in self.trees:
+            tree.ensure_memory()
         names = ", ".join(tree.name for tree in self.trees[:3]) + (", ..." if len(jobs) > 3 else "")
         with device.undone_on_error():
             self._kernel = tree_kernel(device, "build")
