@@ -20,7 +20,7 @@ from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.trees.tree import TAG_DTYPE, FlatTree, build_meshes
 from solari_vk.scene.model import Mesh
 
-# Of the tree, which takes 112 bytes for each.
+# Of the tree, which takes 80 bytes for each.
 MAX_TRIANGLES = 1 << 21
 # So few triangles are all in the tree; else only meshes that have one instance.
 FEW_TRIANGLES = 1 << 14

@@ -78,6 +78,7 @@ def walk(nodes, triangles):
         assert not outside[np.isfinite(inside).all(axis=(1, 2))].any()
         found += numbers[places].tolist()
         slots = level[~is_leaf]
+        assert (slots < len(nodes)).all()
         cost += (areas[is_leaf] * counts).sum() + NODE_COST * areas[~is_leaf].sum()
         children, around = nodes[slots, :, :3].reshape(-1, 2, 2, 3), boxes[~is_leaf][:, None]
         assert (children[:, :, 0] >= around[:, :, 0]).all()
@@ -471,6 +472,9 @@ BUGS = {
     "codes are sorted by half of their digits": Bug(
         "scene/trees/sort.glsl", "digit_of", "return correct(key, shift % 15u);"
     ),
+    "more leaves than there is room for": Bug(
+        "scene/trees/clusters.glsl", "has_too_many_leaves", "return attempt + 1u < LAST_ATTEMPT && correct(count);"
+    ),
     "the nearest is never found": Bug("scene/trees/clusters.glsl", "nearest_cluster", "return place;"),
 }
 
@@ -479,6 +483,7 @@ def check_with_new_kernel(device):
     tree_module._kernels.clear()
     try:
         test_each_triangle_is_in_one_leaf(device, "plain", 257)
+        test_each_triangle_is_in_one_leaf(device, "slivers", 257)
         test_each_triangle_is_in_one_leaf(device, "shrinking", 3000)
         test_trees_are_as_good_as_binned_ones(device, "plain", 2, 3)
         test_refits_hold_all_triangles(device, 700)
