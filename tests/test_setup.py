@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import runpy
 import shutil
 import subprocess
@@ -139,6 +140,22 @@ def test_steps_are_timed_and_a_failure_ends_them(command, said, tmp_path):
 
 
 @pytest.mark.parametrize(
+    ("backports", "packages"),
+    [("true", r"-t \w*-backports mesa-vulkan-drivers"), ("fail 'no network'", "mesa-vulkan-drivers")],
+)
+def test_mesa_is_installed_without_backports_where_they_cannot_be_had(backports, packages):
+    done = run_steps(
+        "dpkg() { false; }",
+        "candidate() { echo 22.3.6; }",
+        f"add_backports() {{ {backports}; }}",
+        'apt_install() { echo "$*"; }',
+        "install_mesa",
+    )
+    assert re.fullmatch(packages, done.stdout.splitlines()[-1])
+    assert done.returncode == 0
+
+
+@pytest.mark.parametrize(
     ("mesa", "said", "status"), [("sleep 0.3; echo Mesa", ["pip", "Mesa", "done"], 0), ("exit 3", ["pip"], 3)]
 )
 def test_a_driver_is_installed_while_pip_works(mesa, said, status):
@@ -146,7 +163,7 @@ def test_a_driver_is_installed_while_pip_works(mesa, said, status):
         "can_use_apt() { true; }",
         "find_python() { true; }",
         "has_driver() { false; }",
-        "has_device() { true; }",
+        "has_good_device() { true; }",
         f"install_mesa() {{ {mesa}; }}",
         "begin_driver",
         "echo pip",

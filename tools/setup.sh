@@ -100,7 +100,7 @@ how_to_install() {
         [ "$job" = demo ] || echo '    sudo pacman -S vulkan-validation-layers spirv-tools xorg-server-xvfb xdotool llvm19-libs'
     elif [ "$(uname)" = Darwin ]; then
         echo '    brew install python vulkan-loader shaderc'
-        echo 'But no picture will come of it: MoltenVK, the Vulkan driver of macOS, traces no rays.'
+        echo 'MoltenVK, the Vulkan driver of macOS, has not been tried.'
     else
         echo "    the packages of your system that are called $* on Debian"
     fi
@@ -130,12 +130,16 @@ make_environment() {
 
 # ---- driver --------------------------------------------------------------------------------------------
 
+# Whether a device can be used: has_device CONDITION
 has_device() {
-    "$python" -c '
+    "$python" -c "
 import sys
 from solari_vk.gpu.device.device import list_devices
-sys.exit(all(device.missing for device in list_devices()))' 2>/dev/null
+sys.exit(not any(not device.missing and ($1) for device in list_devices()))" 2>/dev/null
 }
+
+# Without ray queries a software device takes several times as long, and the tests need them.
+has_good_device() { has_device "device.kind != 'cpu' or not device.missing_rays['query']"; }
 
 # Where there is no driver at all, one is installed while pip works.
 begin_driver() {
@@ -159,24 +163,26 @@ install_driver() {
         trap - EXIT
         wait "$driver_job" # its failure has said why
     fi
-    has_device && return
+    has_good_device && return
     if can_use_apt && [ -z "$driver_job" ]; then
         find_python
         install_mesa
-        has_device && return
+        has_good_device && return
     fi
+    [ "$job" != demo ] || ! has_device True || return 0
     "$python" -m solari_vk info >&2 || true
-    fail "no Vulkan device that traces rays. $(how_to_install_driver)"
+    fail "no Vulkan device that can be used. $(how_to_install_driver)"
 }
 
 install_mesa() {
-    release=
+    say "installing Mesa's software device"
     if ! dpkg --compare-versions "$(candidate)" ge "$mesa_with_rays"; then
         release=$(. /etc/os-release && echo "${VERSION_CODENAME:-}")-backports
-        add_backports "$release"
+        # A failure ends this inner shell alone.
+        ! (add_backports "$release" && apt_install -t "$release" mesa-vulkan-drivers) || return 0
+        say "going on with Mesa $(candidate), which has no ray queries: pictures take several times as long"
     fi
-    say "no device that traces rays: installing Mesa's software device${release:+ from $release}"
-    apt_install ${release:+-t "$release"} mesa-vulkan-drivers
+    apt_install mesa-vulkan-drivers
 }
 
 # The version of Mesa that apt would install.
@@ -190,9 +196,9 @@ add_backports() {
 }
 
 how_to_install_driver() {
-    echo 'Install a driver with VK_KHR_ray_query or VK_KHR_ray_tracing_pipeline: that of your GPU, or Mesa 24.1 or later for its software device.'
+    echo 'Install a driver with Vulkan 1.3: that of your GPU, or Mesa for its software device, which has ray queries from Mesa 24.1 on.'
     if [ "$(uname)" = Darwin ]; then
-        echo 'MoltenVK, the Vulkan driver of macOS, traces no rays.'
+        echo 'MoltenVK, the Vulkan driver of macOS, has not been tried.'
     elif command -v apt-get >/dev/null; then
         echo '    sudo apt-get install mesa-vulkan-drivers'
         echo 'Debian 12 has it in its backports. These commands add them, from where this machine gets its packages:'

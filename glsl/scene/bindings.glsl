@@ -69,6 +69,16 @@ struct Texture {
     uint image;           // into texture_images
     uint uv_set;
     uint tangent_frame;   // differs where the tangents along u do
+#ifdef TEXTURES_IN_BUFFERS
+    // In place of an image: TexelBuffer of solari_vk/bound/texture_table.py.
+    uvec2 texels;  // the address of Words: 8 bits of red, green, blue and alpha, row by row, from the finest level on
+    ivec2 size;
+    uint level_count;
+    uvec2 wrap;
+    uint magnifies_linearly;
+    uint minifies_linearly;
+    uint is_srgb;
+#endif
 };
 
 // ---- lights -----------------------------------------------------------------------------------------
@@ -161,6 +171,8 @@ layout(set = 0, scalar) readonly buffer SceneInfoBlock { SceneInfo at[]; } scene
 bool uses_random_numbers_for(uint feature) { return (scene_info.absent_features & feature) == 0u; }
 // Bindings 16 to 62 are free for the buffers of light kinds: scene/lights/. The texture array has the largest number,
 // because it has no length.
+#ifndef TEXTURES_IN_BUFFERS
 layout(set = 0) uniform sampler2D texture_images[];
+#endif
 
 #endif

@@ -74,16 +74,25 @@ vec4 vertex_color(Mesh mesh, uvec3 vertices, vec2 barycentrics) {
         + barycentrics.y * (mesh.colors.at[vertices.z] - color);
 }
 
+#ifdef TEXTURES_IN_BUFFERS
+#include "scene/texel_buffers.glsl"
+#define TEXTURE_SIZE(source) (source).size
+#define SAMPLE_TEXTURE(source, uv, lod) sample_texels(source, uv, lod)
+#else
+#define TEXTURE_SIZE(source) textureSize(texture_images[nonuniformEXT((source).image)], 0)
+#define SAMPLE_TEXTURE(source, uv, lod) textureLod(texture_images[nonuniformEXT((source).image)], uv, lod)
+#endif
+
 vec4 sample_texture(uint texture_index, TexturePoint point) {
     Texture source = textures.at[texture_index];
     if (SCENE_SECOND_UVS && source.uv_set > 0u) { point = in_uv_set(point, source.uv_set); }
     float lod = point.footprint_lod;
     if (lod != FINEST_LOD) {
-        vec2 scale = vec2(textureSize(texture_images[nonuniformEXT(source.image)], 0));
+        vec2 scale = vec2(TEXTURE_SIZE(source));
         float uv_scale = abs(determinant(mat2(source.uv_transform)));
         lod += 0.5 * log2(max(uv_scale * scale.x * scale.y, 1e-30));
     }
-    return textureLod(texture_images[nonuniformEXT(source.image)], source.uv_transform * vec3(point.uv, 1.0), lod);
+    return SAMPLE_TEXTURE(source, source.uv_transform * vec3(point.uv, 1.0), lod);
 }
 
 #endif

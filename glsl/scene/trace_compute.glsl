@@ -3,6 +3,7 @@
 #ifndef SCENE_TRACE_COMPUTE_GLSL
 #define SCENE_TRACE_COMPUTE_GLSL
 
+#include "scene/trees/edges.glsl"
 #include "scene/trees/tree.glsl"
 
 // VkGeometryInstanceFlagsKHR.
@@ -65,14 +66,6 @@ bool meets_box(TreeRay ray, vec3 low, vec3 high, float t_min, float t_max, out f
     return near <= min(far, t_max);
 }
 
-// A triangle as the ray sees it: x and y of its vertices where the ray is the z axis, and their depths.
-struct SeenTriangle {
-    vec2 p;
-    vec2 q;
-    vec2 r;
-    vec3 z;
-};
-
 SeenTriangle see_triangle(TreeRay ray, TreeTriangle triangle) {
     precise vec3 a = in_order(ray, triangle.a - ray.origin);
     precise vec3 b = in_order(ray, triangle.b - ray.origin);
@@ -81,22 +74,9 @@ SeenTriangle see_triangle(TreeRay ray, TreeTriangle triangle) {
     return SeenTriangle(p, q, r, vec3(a.z, b.z, c.z));
 }
 
-// Where a ray meets the plane of a triangle: t, and the weights of the second and third vertex. Returns whether it does
-// so within the triangle. Neighbors leave no gap between them: Woop, Benthin and Wald, "Watertight Ray/Triangle
-// Intersection" (2013).
+// Where a ray meets a triangle, as `meets_edges` has it.
 bool resolve_hit(TreeRay ray, TreeTriangle triangle, out vec3 found, out bool front_face) {
-    SeenTriangle seen = see_triangle(ray, triangle);
-    // The signs decide exactly which of two neighbors is hit.
-    precise dvec2 P = dvec2(seen.p), Q = dvec2(seen.q), R = dvec2(seen.r);
-    precise double u = R.x * Q.y - R.y * Q.x, v = P.x * R.y - P.y * R.x, w = Q.x * P.y - Q.y * P.x;
-    bool any_below = u < 0.0 || v < 0.0 || w < 0.0, any_above = u > 0.0 || v > 0.0 || w > 0.0;
-    precise double determinant = u + (v + w);
-    front_face = determinant > 0.0;
-    precise dvec3 depth = double(ray.shear.z) * dvec3(seen.z);
-    precise double t = (u * depth.x + v * depth.y) + w * depth.z;
-    precise float area = float(determinant);
-    found = vec3(float(t / determinant), float(v) / area, float(w) / area);
-    return determinant != 0.0 && !(any_below && any_above);
+    return meets_edges(see_triangle(ray, triangle), ray.shear.z, found, front_face);
 }
 
 // The same, after a test that most triangles don't pass: many cards compute doubles slowly.
@@ -107,7 +87,7 @@ bool meets_triangle(TreeRay ray, TreeTriangle triangle, out vec3 found, out bool
     vec3 gains = vec3(r.x * q.y, p.x * r.y, q.x * p.y), losses = vec3(r.y * q.x, p.y * r.x, q.y * p.x);
     vec3 edges = gains - losses, rounding = 4.0 * ROUNDING_UNIT * (abs(gains) + abs(losses));
     if (any(lessThan(edges, -rounding)) && any(greaterThan(edges, rounding))) { return false; }
-    return resolve_hit(ray, triangle, found, front_face);
+    return meets_edges(seen, ray.shear.z, found, front_face);
 }
 
 // In loads of 16 bytes: of a structure drivers load number by number.

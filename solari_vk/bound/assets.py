@@ -29,7 +29,8 @@ class Assets:
     block_dtypes: the records of the shaders' blocks, by name."""
 
     def __init__(self, device: Device, watcher: Watcher) -> None:
-        bindings = spirv.reflect(compile_shader("scene/layout.comp"), "scene/layout.comp").bindings
+        layout = "scene/layout.comp"
+        bindings = spirv.reflect(compile_shader(layout, lacking=device.lacking), layout).bindings
         self.block_dtypes: dict[str, Any] = {
             n: b.dtype if b.element is None else b.element for n, b in bindings.items()
         }

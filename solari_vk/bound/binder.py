@@ -148,7 +148,7 @@ class SceneBinder:
         found: dict[str, Any] = {table.name: table.buffer for table in self._tables if table not in unbound}
         if self.tlas is not None:
             found |= self.tlas.resources
-        return found | {"texture_images": self.assets.textures.bound}
+        return found | self.assets.textures.resources
 
     @property
     def features(self) -> frozenset[str]:

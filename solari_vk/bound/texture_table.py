@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Mapping
+from collections.abc import Hashable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from solari_vk.bound.features import Features
 from solari_vk.bound.table import RowAllocator, Table, content_of
@@ -27,11 +28,45 @@ ImageKey = tuple[TextureImage, bool]
 DescriptorKey = tuple[TextureImage, bool, tuple[tuple[str, Any], ...]]
 
 _FORMATS = {True: raw.VK_FORMAT_R8G8B8A8_SRGB, False: raw.VK_FORMAT_R8G8B8A8_UNORM}
+_WRAPS = ("repeat", "mirror", "clamp")
 _WRAP = {"repeat": "repeat", "mirrored_repeat": "mirror", "clamp_to_edge": "clamp"}
 
 
+class TexelBuffer:
+    """The levels of an image (height, width, 4), from the finest on, in one buffer: glsl/scene/texel_buffers.glsl."""
+
+    def __init__(
+        self, device: Device, levels: Sequence[NDArray[np.uint8]], srgb: bool, name: str, uploads: Uploads
+    ) -> None:
+        self.height, self.width = levels[0].shape[:2]
+        self._level_count = len(levels)
+        self._srgb = srgb
+        self._buffer = device.buffer(sum(level.nbytes for level in levels), name)
+        offset = 0
+        for level in levels:
+            uploads.buffer(self._buffer, level, offset)
+            offset += level.nbytes
+
+    def fields(self, options: Mapping[str, Any]) -> dict[str, Any]:
+        """The fields of a Texture of glsl/scene/bindings.glsl. options: those of a Sampler."""
+        return {
+            "texels": divmod(self._buffer.address, 1 << 32)[::-1],
+            "size": (self.width, self.height),
+            "level_count": self._level_count if options["mipmap"] == "linear" else 1,
+            "wrap": [_WRAPS.index(options[name]) for name in ("wrap_u", "wrap_v")],
+            "magnifies_linearly": options["magnify"] == "linear",
+            "minifies_linearly": options["minify"] == "linear",
+            "is_srgb": self._srgb,
+        }
+
+    def destroy(self) -> None:
+        """Free it when the work submitted so far is done."""
+        self._buffer.destroy()
+
+
 class TextureTable:
-    """The table `textures` with a row for each (Texture, sRGB) pair, and `bound`, the array of images and samplers."""
+    """The table `textures` with a row for each (Texture, sRGB) pair, and what it points to: an array of images with
+    samplers, or on devices without such arrays buffers of texels."""
 
     def __init__(
         self, device: Device, record: np.dtype[Any], features: Features, watcher: Any, port: TensorPort
@@ -41,7 +76,7 @@ class TextureTable:
         self._device = device
         self._features = features
         self._watcher = watcher
-        self._images: dict[ImageKey, Image] = {}
+        self._images: dict[ImageKey, Image | TexelBuffer] = {}
         # Equal pixels share an image. Edited ones have a content of their own, equal to no other.
         self._contents: RowAllocator[Hashable] = RowAllocator()
         self._content_of: dict[ImageKey, Hashable] = {}
@@ -49,17 +84,22 @@ class TextureTable:
         self._descriptors: RowAllocator[DescriptorKey] = RowAllocator()
         self._linked: dict[tuple[Texture, bool], DescriptorKey] = {}
         self._to_upload: dict[ImageKey, None] = {}
-        self._replaced = False  # something of `bound`
+        self._replaced = False  # something of `resources`
         self._to_link: dict[tuple[Texture, bool], None] = {}
-        self.bound: list[tuple[Image, Sampler]]
         self._port = port
         self._tensors = TextureTensors(device, port)
-        # Fills unused elements of `bound`, because every element must be valid.
+        # Fills unused elements of the array, because every element must be valid.
         self._white = device.image(1, 1, _FORMATS[False], "white texture")
         with device.uploads() as uploads:
             uploads.image(self._white, [np.full((1, 1, 4), 255, np.uint8)])
         self._blank = (self._white, device.sampler())
-        self.bound = [self._blank]
+        self._bound: list[tuple[Image, Sampler]] = [self._blank]
+        self._in_buffers = not device.has_descriptor_indexing
+
+    @property
+    def resources(self) -> dict[str, Any]:
+        """What shaders bind besides the table, by names."""
+        return {} if self._in_buffers else {"texture_images": self._bound}
 
     def acquire(self, texture: Texture, srgb: bool, material: Material) -> int:
         """Add a use of a texture; returns its row."""
@@ -94,10 +134,12 @@ class TextureTable:
         keys = {(image, True), (image, False)}
         if not keys & self._images.keys() or keys & self._to_upload.keys():  # of which an upload failed
             return None
+        if self._in_buffers:  # shaders write texels to images alone
+            return None
         return self._port.accept_fields(fields, lambda _: (size, (*size, 3), (*size, 4)), DTYPES)
 
     def update(self) -> bool:
-        """Upload new and changed images; returns whether `bound` has changed."""
+        """Upload new and changed images; returns whether `resources` have changed."""
         if not self._to_link and not self._to_upload and not self._replaced:
             return False
         self.table.reserve(self.rows.high_water_mark)
@@ -112,11 +154,17 @@ class TextureTable:
         if not self._replaced:
             return False
         self._replaced = False
-        self.bound = [self._blank] * max(self._descriptors.high_water_mark, 1)
+        self._bound = [self._blank] * max(self._descriptors.high_water_mark, 1)
         for descriptor in self._descriptors:
             pixels, srgb, options = descriptor
             image = self._images[pixels, srgb]
-            self.bound[self._descriptors[descriptor]] = (image, self._device.sampler(**dict(options)))
+            if isinstance(image, Image):
+                self._bound[self._descriptors[descriptor]] = (image, self._device.sampler(**dict(options)))
+                continue
+            rows = [self.rows[key] for key in self._descriptors.users(descriptor)]
+            for name, value in image.fields(dict(options)).items():
+                self.table.records[name][rows] = value
+            self.table.mark(rows)
         return True
 
     def _link(self, key: tuple[Texture, bool]) -> None:
@@ -174,20 +222,26 @@ class TextureTable:
         if equal:
             image = self._images[equal[0]]
         else:
-            levels = mip_chain(source.pixels, srgb)
-            height, width = source.pixels.shape[:2]
-            image = self._device.image(width, height, _FORMATS[srgb], source.name or "texture", mip_levels=len(levels))
-            uploads.image(image, levels)
+            image = self._made(source.name or "texture", mip_chain(source.pixels, srgb), srgb, uploads)
         self._contents.acquire(content, key)
         if before is not None:
             self._drop(key, before, self._content_of[key])
         self._images[key] = image
         self._content_of[key] = content
 
+    def _made(self, name: str, levels: list[NDArray[np.uint8]], srgb: bool, uploads: Uploads) -> Image | TexelBuffer:
+        if self._in_buffers:
+            return TexelBuffer(self._device, levels, srgb, name, uploads)
+        height, width = levels[0].shape[:2]
+        image = self._device.image(width, height, _FORMATS[srgb], name, mip_levels=len(levels))
+        uploads.image(image, levels)
+        return image
+
     def _write_tensor(self, key: ImageKey, tensor: DeviceTensor) -> None:
         """Have a tensor's texels in an image, which is a new one if others share the earlier one."""
         source, srgb = key
         image = self._images[key]
+        assert isinstance(image, Image)
         content = self._content_of[key]
         is_shared = len(self._contents.users(content)) > 1
         self._images[key] = self._tensors.write(source.describe(), image, tensor, srgb, in_place=not is_shared)
@@ -196,7 +250,7 @@ class TextureTable:
         self._contents.release(content, key)
         self._replaced |= is_shared
 
-    def _drop(self, key: ImageKey, image: Image, content: Hashable) -> None:
+    def _drop(self, key: ImageKey, image: Image | TexelBuffer, content: Hashable) -> None:
         """Free an image unless it is another key's too."""
         if self._contents.release(content, key):
             image.destroy()

@@ -11,10 +11,12 @@ import pytest
 import solari_vk as sv
 from solari_vk.gpu.frame import interface
 from solari_vk.gpu.frame.frame import Frame, Pass, Stage
-from solari_vk.gpu.shaders.addresses import access_by_address
+from solari_vk.gpu.shaders import spv
+from solari_vk.gpu.shaders.addresses import access_by_address, addressable
 from solari_vk.gpu.shaders.compiler import compile_shader
 from solari_vk.gpu.shaders.spirv import reflect
 from solari_vk.gpu.shaders.spv import instructions
+from solari_vk.gpu.shaders.whole_vectors import with_whole_vectors
 from tests.gpu.shader_folder import check_spirv
 
 SHADER = """
@@ -67,6 +69,8 @@ def test_modules_stay_valid(shaders, most):
     check_spirv(spirv, "x")
     # a buffer with an atomic operation keeps its descriptor
     assert list(names) == ["copies", "loose", "outputs", "records"][:most]
+    # and one whose length is asked for needs it besides
+    assert addressable(module.spirv, tuple(module.variables.items())) == {"copies", "loose", "records"}
 
 
 def test_shaders_compute_the_same(shaders, any_device, monkeypatch):
@@ -185,3 +189,29 @@ def test_a_realtime_frame_is_little_to_compile(any_device, monkeypatch):
 @pytest.mark.parametrize("path", WITH_FEATURES)
 def test_modules_with_features_are_no_more_to_compile(path):
     assert inlined(compile_shader(path)) <= WITH_FEATURES[path]
+
+
+COMPONENTS = """layout(local_size_x = 1) in;
+struct Thing { vec2 size; mat4x3 axes; vec3 names[2]; };
+layout(set = 0, scalar) readonly buffer ThingsBlock { Thing at[]; } things;
+layout(set = 1, scalar) buffer SumsBlock { float at[]; } sums;
+void main() {
+    uint i = gl_GlobalInvocationID.x;
+    sums.at[0] = things.at[i].size.y + things.at[i].axes[3].z + things.at[i].names[i][i] + things.at[i].size.x;
+}
+"""
+
+
+def test_vectors_are_loaded_whole(shaders):
+    """As Mesa 22.3 needs it. The pictures of tests/bound/test_texel_buffers.py have such modules."""
+    shaders.write("components", COMPONENTS)
+    spirv = compile_shader("passes/components.comp", root=shaders.root)
+    counts = []
+    for code in (spirv, with_whole_vectors(spirv)):
+        check_spirv(code, "components")
+        listed = list(instructions(code))
+        scalar = next(words[1] for words in listed if spv.opcode(words) == spv.OP_TYPE_FLOAT)
+        loads = [words[1] for words in listed if spv.opcode(words) == spv.OP_LOAD]
+        counts.append((loads.count(scalar), len(loads)))
+    assert counts[0][0] == 4
+    assert counts[1] == (0, counts[0][1])

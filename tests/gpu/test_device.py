@@ -185,14 +185,9 @@ def test_the_way_that_auto_takes(monkeypatch, lacked, kind, faster, rays, why):
     assert ray_methods.automatic_method(missing, kind) == (rays, why)
 
 
-def test_compute_needs_float64(any_device: None, monkeypatch: pytest.MonkeyPatch) -> None:
-    groups = {**physical.OPTIONAL_FEATURES, "core": ()}
-    monkeypatch.setattr(physical, "OPTIONAL_FEATURES", groups)
-    query = physical.PhysicalDevice._query_features
-    monkeypatch.setattr(
-        physical.PhysicalDevice, "_query_features", lambda self, vk: {**query(self, vk), "core": {"shaderInt64"}}
-    )
-    with pytest.raises(DeviceError, match=r"with rays='compute'(.|\n)*: lacks feature shaderFloat64"):
+def test_compute_needs_scalar_layout(any_device: None, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("SOLARI_VK_HIDDEN_FEATURES", "shaderFloat64,descriptorIndexing,scalarBlockLayout")
+    with pytest.raises(DeviceError, match=r"with rays='compute'(.|\n)*: lacks feature scalarBlockLayout$"):
         Device(rays="compute")
 
 

@@ -84,7 +84,8 @@ def test_numbers_follow_from_names(shaders):
     merged = numbered(merge_bindings([first, second]))
     places = {name: (binding.set, binding.binding) for name, binding in merged.items()}
     assert places == {"lone": (0, 0), "values": (1, 0), "extra": (0, 1), "textures": (0, 2)}
-    linked = reflect(Interface.linked(SimpleNamespace(bindings=merged), second))
+    interface = SimpleNamespace(described=merged, device=SimpleNamespace(has_descriptor_indexing=True))
+    linked = reflect(Interface.linked(interface, second))
     assert {name: found.binding for name, found in linked.bindings.items()} == {
         name: merged[name].binding for name in second.bindings
     }

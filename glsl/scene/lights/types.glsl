@@ -6,8 +6,10 @@
 #extension GL_EXT_buffer_reference : require
 #extension GL_EXT_scalar_block_layout : require
 
-// A buffer that belongs to one light: the texels of an environment, or the summed-area tables of a portal's maps. One
-// type for both, since shader optimizers confuse types that are alike.
+#include "common/math.glsl"  // INFINITY
+
+// A buffer that belongs to one light or texture: texels, or the summed-area tables of a portal's maps. One type for
+// all, since shader optimizers confuse types that are alike.
 layout(buffer_reference, scalar, buffer_reference_align = 4) readonly buffer Words { uint at[]; };
 
 // A point of a light, by the seed of its random numbers. Differs from Solari: 32 bits each for light and triangle, so

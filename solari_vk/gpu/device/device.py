@@ -65,6 +65,8 @@ class Device(WorkQueue):
         self.buffers_by_address = self.properties.kind == "cpu" and (
             not self.validation or _flag("SOLARI_VK_ADDRESSES")
         )
+        # Without descriptor indexing the limits of descriptors are low, too: 32 storage buffers in Mesa 22.3.
+        self.buffers_by_address |= not self.has_descriptor_indexing
         """Whether compute shaders access storage buffers by their addresses (`access_by_address`)."""
         # Mapped device memory saves a copy; `staging` behaves as a card whose memory the host can't see.
         self.memory = Allocator(self, map_device_memory=not self.staging)

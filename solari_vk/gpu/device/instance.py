@@ -7,6 +7,7 @@ from solari_vk.gpu.device import raw
 from solari_vk.gpu.device.physical import PhysicalDevice
 
 VALIDATION_LAYER = "VK_LAYER_KHRONOS_validation"
+PORTABILITY = "VK_KHR_portability_enumeration"  # without it the loader hides MoltenVK
 # Enabled where present: a window may be opened later, and debug names and labels cost next to nothing.
 OPTIONAL_EXTENSIONS = (
     "VK_EXT_debug_utils",
@@ -17,6 +18,7 @@ OPTIONAL_EXTENSIONS = (
     "VK_KHR_win32_surface",
     "VK_EXT_metal_surface",
     "VK_EXT_headless_surface",
+    PORTABILITY,
 )
 # Extensions that validation layers in use may not know, and the header version that introduced each.
 _EXTENSION_VERSIONS = {"VK_KHR_ray_tracing_position_fetch": raw.api_version(1, 3, 249)}
@@ -67,6 +69,7 @@ class Instance:
         create = raw.struct(
             "VkInstanceCreateInfo",
             pNext=chain,
+            flags=raw.VK_INSTANCE_CREATE_ENUMERATE_PORTABILITY_BIT_KHR if PORTABILITY in extensions else 0,
             pApplicationInfo=application,
             enabledLayerCount=len(layers),
             ppEnabledLayerNames=layers,

@@ -15,6 +15,8 @@ from solari_vk.gpu.device import raw
 from solari_vk.gpu.device.instance import Instance
 from solari_vk.gpu.device.measured_rays import measured_speeds
 from solari_vk.gpu.device.physical import (
+    DESCRIPTOR_INDEXING,
+    MACROS,
     OPTIONAL_EXTENSIONS,
     POSITION_FETCH,
     DeviceProperties,
@@ -45,7 +47,8 @@ class LogicalDevice:
     """A VkDevice with one queue. `vk` has its functions, `properties`, `features` and `extensions` what it can do.
 
     `rays`: how shaders trace rays on it, "query", "pipeline" or "compute". The features of other methods are off.
-    `missing_rays`: what the device lacks for each method.
+    `missing_rays`: what the device lacks for each method. `has_descriptor_indexing`: whether shaders have arrays of
+    textures; other devices have them in buffers. `lacking`: the macros that tell shaders what it lacks.
     """
 
     def __init__(self, select: str | int | None, validation: bool, rays: str | None) -> None:
@@ -92,6 +95,8 @@ class LogicalDevice:
         self.extensions = frozenset([*RAYS[self.rays], *optional])
         enabled = chosen.enabled_features(self.rays)
         self.features = frozenset(name for names in enabled.values() for name in names)
+        self.has_descriptor_indexing = self.features.issuperset(DESCRIPTOR_INDEXING)
+        self.lacking = tuple(macro for macro, needed in MACROS.items() if not self.features.issuperset(needed))
         self.has_position_fetch = "rayTracingPositionFetch" in self.features
         queue = raw.struct(
             "VkDeviceQueueCreateInfo", queueFamilyIndex=self.queue_family, queueCount=1, pQueuePriorities=[1.0]

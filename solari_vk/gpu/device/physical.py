@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import uuid
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -9,7 +10,7 @@ from typing import Any
 
 from solari_vk.base.errors import DeviceError, quoted
 from solari_vk.gpu.device import raw
-from solari_vk.gpu.device.rays import AUTO, CORE_FEATURES, DRIVER, OF_METHODS, RAYS
+from solari_vk.gpu.device.rays import AUTO, DRIVER, OF_METHODS, RAYS
 
 POSITION_FETCH = "VK_KHR_ray_tracing_position_fetch"  # of acceleration structures
 OPTIONAL_EXTENSIONS = (
@@ -19,6 +20,7 @@ OPTIONAL_EXTENSIONS = (
     "VK_KHR_external_memory_fd",
     "VK_KHR_external_semaphore_fd",
     "VK_EXT_pipeline_robustness",
+    "VK_KHR_portability_subset",  # must be enabled where present
 )
 
 # The feature structures in the order of their pNext chain. Keys that are extension names need that extension.
@@ -33,13 +35,18 @@ _STRUCTURES = {
     "VK_KHR_ray_tracing_position_fetch": "VkPhysicalDeviceRayTracingPositionFetchFeaturesKHR",
     "VK_EXT_pipeline_robustness": "VkPhysicalDevicePipelineRobustnessFeaturesEXT",
 }
+DESCRIPTOR_INDEXING = (
+    "descriptorIndexing", "runtimeDescriptorArray", "descriptorBindingPartiallyBound",
+    "descriptorBindingVariableDescriptorCount", "descriptorBindingSampledImageUpdateAfterBind",
+    "descriptorBindingStorageBufferUpdateAfterBind", "descriptorBindingUpdateUnusedWhilePending",
+    "shaderSampledImageArrayNonUniformIndexing",
+)  # fmt: skip
+"""Without one of these features textures lie in buffers."""
+MACROS = {"TEXTURES_IN_BUFFERS": DESCRIPTOR_INDEXING, "WITHOUT_DOUBLES": ("shaderFloat64",)}
+"""What is defined in the shaders of a device that lacks one of some features."""
 REQUIRED_FEATURES: dict[str, tuple[str, ...]] = {
-    "12": (
-        "bufferDeviceAddress", "descriptorIndexing", "runtimeDescriptorArray", "descriptorBindingPartiallyBound",
-        "descriptorBindingVariableDescriptorCount", "descriptorBindingSampledImageUpdateAfterBind",
-        "descriptorBindingStorageBufferUpdateAfterBind", "descriptorBindingUpdateUnusedWhilePending",
-        "shaderSampledImageArrayNonUniformIndexing", "scalarBlockLayout", "timelineSemaphore", "hostQueryReset",
-    ),
+    "core": ("shaderStorageImageExtendedFormats",),
+    "12": ("bufferDeviceAddress", "scalarBlockLayout", "timelineSemaphore", "hostQueryReset"),
     "13": ("synchronization2", "maintenance4", "dynamicRendering"),
     "VK_KHR_acceleration_structure": ("accelerationStructure",),
     "VK_KHR_ray_query": ("rayQuery",),
@@ -49,7 +56,7 @@ OPTIONAL_FEATURES: dict[str, tuple[str, ...]] = {
     "core": (
         "multiDrawIndirect", "drawIndirectFirstInstance", "samplerAnisotropy", "shaderInt64", "shaderInt16",
         "shaderStorageImageReadWithoutFormat", "shaderStorageImageWriteWithoutFormat",
-        "shaderStorageImageExtendedFormats", "shaderSampledImageArrayDynamicIndexing",
+        "shaderSampledImageArrayDynamicIndexing",
         "shaderStorageImageArrayDynamicIndexing", "shaderStorageBufferArrayDynamicIndexing",
         "shaderUniformBufferArrayDynamicIndexing", "fragmentStoresAndAtomics", "vertexPipelineStoresAndAtomics",
         "independentBlend", "fillModeNonSolid", "depthClamp", "textureCompressionBC",
@@ -57,6 +64,7 @@ OPTIONAL_FEATURES: dict[str, tuple[str, ...]] = {
     ),
     "11": ("shaderDrawParameters", "storageBuffer16BitAccess"),
     "12": (
+        *DESCRIPTOR_INDEXING,
         "drawIndirectCount", "shaderFloat16", "shaderInt8", "storageBuffer8BitAccess", "shaderBufferInt64Atomics",
         "samplerFilterMinmax", "shaderStorageBufferArrayNonUniformIndexing",
         "shaderStorageImageArrayNonUniformIndexing", "descriptorBindingStorageImageUpdateAfterBind",
@@ -190,10 +198,11 @@ class PhysicalDevice:
         chain, parts = feature_chain(dict.fromkeys(self._groups(), ()))
         # The driver sets a field of the chain to VK_TRUE where the device has the feature.
         vk.vkGetPhysicalDeviceFeatures2(self.handle, chain)
+        hidden = {"sType", "pNext", *os.environ.get("SOLARI_VK_HIDDEN_FEATURES", "").split(",")}
         features = {}
         for group, part in parts.items():
             fields = raw.ffi.typeof(_STRUCTURES[group]).fields
-            features[group] = {name for name, _ in fields if getattr(part, name) == 1} - {"sType", "pNext"}
+            features[group] = {name for name, _ in fields if getattr(part, name) == 1} - hidden
         return features
 
     def _groups(self) -> list[str]:
@@ -230,11 +239,7 @@ class PhysicalDevice:
 
     def _lacks_for(self, rays: str) -> list[str]:
         """What it lacks for a method of tracing alone."""
-        missing = self._lacks_of(RAYS[rays])
-        if "core" in self.features:  # a device that is too old isn't asked
-            needed = CORE_FEATURES.get(rays, ())
-            missing += [f"feature {name}" for name in needed if name not in self.features["core"]]
-        return missing
+        return self._lacks_of(RAYS[rays])
 
     def enabled_features(self, rays: str) -> dict[str, tuple[str, ...]]:
         """For each feature structure, the required features and those optional ones that the device has.

@@ -13,11 +13,9 @@ RAYS = {
 }
 """The extensions of each method, the preferred one first."""
 OF_METHODS = frozenset(name for names in RAYS.values() for name in names)
-CORE_FEATURES = {"compute": ("shaderFloat64",)}
-"""What methods need of VkPhysicalDeviceFeatures."""
 AUTO = "auto"
 IN_WORDS = {"query": "ray queries", "pipeline": "ray pipelines", "compute": "compute shaders"}
-DRIVER = "Vulkan 1.3 and descriptor indexing"
+DRIVER = "Vulkan 1.3 with scalar block layouts"
 """What a driver must have, for messages."""
 SOFTWARE = "software devices"
 WITHOUT_UNITS = "cards without units for rays"

@@ -37,13 +37,13 @@ class DescriptorSets:
         self.counts = list(counts)
         device = interface.device
         sizes: dict[int, int] = {}
-        for binding in interface.laid_out.values():
+        for binding in interface.described.values():
             kind = DESCRIPTOR_TYPES[binding.kind]
             sizes[kind] = sizes.get(kind, 0) + (binding.count or counts[binding.set])
         create = raw.struct(
             "VkDescriptorPoolCreateInfo",
             # The limits of descriptors in update-after-bind sets are much higher, which bindless textures need.
-            flags=raw.VK_DESCRIPTOR_POOL_CREATE_UPDATE_AFTER_BIND_BIT,
+            flags=raw.VK_DESCRIPTOR_POOL_CREATE_UPDATE_AFTER_BIND_BIT if any(counts) else 0,
             maxSets=SET_COUNT,
             poolSizeCount=len(sizes),
             pPoolSizes=[{"type": kind, "descriptorCount": count} for kind, count in sizes.items()],
@@ -77,7 +77,7 @@ class DescriptorSets:
         writes = []
         owners = []
         for name, resource in resources.items():
-            binding = self._interface.bindings.get(name)
+            binding = self._interface.described.get(name)
             if binding is None or (binding.count == 0 and not resource):
                 continue
             fields, owner = self._describe(binding, resource)

@@ -24,9 +24,10 @@ from solari_vk.base.errors import SolariError
 from solari_vk.gpu.device import raw
 from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.shaders import spv
-from solari_vk.gpu.shaders.addresses import ADDRESS_BYTES, access_by_address
+from solari_vk.gpu.shaders.addresses import ADDRESS_BYTES, access_by_address, addressable
 from solari_vk.gpu.shaders.compiler import compile_shader
 from solari_vk.gpu.shaders.spirv import Binding, Module, reflect
+from solari_vk.gpu.shaders.whole_vectors import with_whole_vectors
 
 SET_COUNT = 2
 DESCRIPTOR_TYPES = {
@@ -47,6 +48,9 @@ _HEADER_WORDS = 5  # of a SPIR-V module
 _BINDLESS_LIMIT = 1 << 14  # lavapipe reserves 256 bytes in every set for each descriptor, used or not
 _BINDLESS_MIN = 64
 _LAYOUT = "passes/layout.comp"
+ADDRESSES = "buffer addresses"
+"""The uniform block through which shaders access a frame's buffers on devices with few descriptors, which are those
+without descriptor indexing: Mesa 22.3's lavapipe has 32 for buffers, and a realtime frame three times as many."""
 
 
 def merge_bindings(modules: Iterable[Module]) -> dict[str, Binding]:
@@ -87,7 +91,7 @@ def _of_package(rays: str) -> dict[str, Binding]:
 
 def shared_layout(device: Device, merged: Mapping[str, Binding]) -> dict[str, Binding]:
     """What the layouts of a frame with these bindings hold, numbered."""
-    if device.properties.kind != "cpu":
+    if device.properties.kind != "cpu" or not device.has_descriptor_indexing:
         return numbered(merged)
     # Software drivers compile a pipeline anew for each layout: with one for all frames, frames share pipelines.
     return numbered({**_of_package("compute" if device.rays == "compute" else "query"), **dict(sorted(merged.items()))})
@@ -136,7 +140,16 @@ class Interface:
             _BINDLESS_LIMIT,
         )
         self._pushed = pushed = _pushed_bytes(device, modules)
-        self.key = pushed, *((name, at.set, at.binding, at.kind, at.count) for name, at in self.laid_out.items())
+        self.described: Mapping[str, Binding] = self.laid_out
+        self.addresses: tuple[str, ...] = ()
+        """The bindings that the descriptor sets hold, and the buffers whose addresses are in the block ADDRESSES."""
+        if not device.has_descriptor_indexing:
+            self.described, self.addresses = self._with_few(modules)
+        self.key = (
+            pushed,
+            self.addresses,
+            *((name, at.set, at.binding, at.kind, at.count) for name, at in self.described.items()),
+        )
         """Equal for interfaces whose pipelines are the same."""
         handles: list[tuple[str, raw.CData]] = []
 
@@ -171,12 +184,18 @@ class Interface:
 
     def linked(self, module: Module, code: bytes | None = None) -> bytes:
         """The SPIR-V of a module, or its `code` made from that, with the numbers of this interface."""
-        words = np.frombuffer(module.spirv if code is None else code, np.uint32).copy()
+        code = module.spirv if code is None else code
+        if not self.device.has_descriptor_indexing:
+            code = with_whole_vectors(code)
+        words = np.frombuffer(code, np.uint32).copy()
         # Decorations come before all functions: the rest of the module is copied as it is.
         at = _HEADER_WORDS
         while words[at] & 0xFFFF != spv.OP_FUNCTION:
             if words[at] & 0xFFFF == spv.OP_DECORATE and words[at + 2] == spv.DECORATION_BINDING:
-                words[at + 3] = self.bindings[module.variables[int(words[at + 1])]].binding
+                # What isn't among them has its number, or is accessed by address.
+                name = module.variables.get(int(words[at + 1]), "")
+                if name in self.described:
+                    words[at + 3] = self.described[name].binding
             at += int(words[at]) >> 16
         return words.tobytes()
 
@@ -185,6 +204,10 @@ class Interface:
         push constants: `access_by_address`, on software devices."""
         if not self.device.buffers_by_address or module.push_constants is not None:
             return module.spirv, ()
+        if self.addresses:
+            buffers = tuple(item for item in module.variables.items() if item[1] in self.addresses)
+            table = self.described[ADDRESSES].binding, self.addresses
+            return access_by_address(module.spirv, buffers, len(buffers), table)[0], ()
         buffers = tuple(
             (variable, name)
             for variable, name in module.variables.items()
@@ -192,14 +215,41 @@ class Interface:
         )
         return access_by_address(module.spirv, buffers, self._pushed // ADDRESS_BYTES)
 
+    def _with_few(self, modules: Iterable[Module]) -> tuple[dict[str, Binding], tuple[str, ...]]:
+        """The bindings of a device with few descriptors, and the buffers that shaders access by address alone."""
+        bound: dict[str, Binding] = {}
+        reached: set[str] = set()
+        for module in modules:
+            found: set[str] = set()
+            if module.main.stage == "comp" and module.push_constants is None:
+                found = addressable(module.spirv, tuple(module.variables.items()))
+            for name in module.bindings:
+                binding = self.laid_out[name]
+                if name in found and binding.kind in ("storage_buffer", "uniform_buffer") and binding.count == 1:
+                    reached.add(name)
+                else:
+                    bound[name] = binding
+        addresses = tuple(sorted(reached - bound.keys()))
+        if addresses:
+            bound[ADDRESSES] = Binding(ADDRESSES, 0, 0, "uniform_buffer", 1)
+        buffers = sum(binding.kind == "storage_buffer" for binding in bound.values())
+        most = self.device.properties.limits.maxPerStageDescriptorStorageBuffers
+        if buffers > most:
+            raise SolariError(f"the shaders of a frame bind {buffers} buffers, but {self.device.name} has {most}")
+        return numbered(bound), addresses
+
     def fits(self, bindings: Mapping[str, Binding], modules: Iterable[Module]) -> bool:
         """Whether modules with these merged bindings can use this interface as it is."""
         shapes = [{name: _shape(binding) for name, binding in part.items()} for part in (bindings, self.bindings)]
-        return shapes[0] == shapes[1] and _pushed_bytes(self.device, modules) == self._pushed
+        if shapes[0] != shapes[1] or _pushed_bytes(self.device, modules) != self._pushed:
+            return False
+        return self.device.has_descriptor_indexing or self._with_few(modules) == (self.described, self.addresses)
 
     def _find_bindless(self, index: int) -> Binding | None:
         members = [binding for binding in self.laid_out.values() if binding.set == index and binding.count == 0]
         for binding in members:
+            if not self.device.has_descriptor_indexing:
+                raise SolariError(f"{binding.name}: an array without a length needs descriptor indexing")
             if binding.kind != "combined_image_sampler" or binding is not members[0]:
                 raise SolariError(
                     f"{binding.name}: an array without a length must be of combined image samplers and the only one "
@@ -209,7 +259,7 @@ class Interface:
 
     def _make_layout(self, index: int) -> raw.CData:
         bindless = self._bindless[index]
-        members = [binding for binding in self.laid_out.values() if binding.set == index]
+        members = [binding for binding in self.described.values() if binding.set == index]
         flags = raw.struct(
             "VkDescriptorSetLayoutBindingFlagsCreateInfo",
             bindingCount=len(members),

@@ -175,7 +175,8 @@ class ProgramBuilder:
             )
         self._device = device
         self._root = glsl_root
-        self._robust = robust
+        # Robust access is by descriptors, and without descriptor indexing there are too few.
+        self._robust = robust if device.has_descriptor_indexing else False
         self._pipelines = Pipelines(device)
 
     def build(self, stages: Sequence[Stage], old: Program | None, features: frozenset[str] | None) -> Program:

@@ -17,12 +17,14 @@ from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.frame.compile_ahead import compiling_ahead
 from solari_vk.gpu.frame.descriptors import BufferRange, DescriptorSets
 from solari_vk.gpu.frame.hazards import Barrier
+from solari_vk.gpu.frame.interface import ADDRESSES
 from solari_vk.gpu.frame.pipelines import Pipeline
 from solari_vk.gpu.frame.program import GROUP_COUNT_BYTES, BuiltStep, Program
 from solari_vk.gpu.frame.raster import record_draw
 from solari_vk.gpu.frame.ray_pipelines import ShaderBindingTable
 from solari_vk.gpu.frame.stages import Draw, Pass
 from solari_vk.gpu.frame.uniforms import Uniforms
+from solari_vk.gpu.shaders.addresses import ADDRESS_BYTES
 
 PART_GROUPS = 1024  # of a command buffer of a slot that is in parts: a tenth of a second on a software device
 
@@ -49,6 +51,7 @@ class Slot:
         self._sets: DescriptorSets | None = None
         self._bound: dict[str, Any] = {}
         self._uniforms: Buffer | None = None
+        self._addresses: Buffer | None = None
         self._queries: raw.CData = None
         self._query_count = 0
         self._query_token = 0
@@ -198,7 +201,22 @@ class Slot:
             if self._sets is not None:
                 self._sets.destroy()
             self._sets = wider
+        self._write_addresses(program.interface.addresses)
         self._sets.write(self._bound)
+
+    def _write_addresses(self, names: Sequence[str]) -> None:
+        """Write the uniform block of addresses, which devices with few descriptors have."""
+        if self._addresses is not None and self._addresses.size != ADDRESS_BYTES * len(names):
+            self._addresses.destroy()
+            self._addresses = None
+        if not names:
+            return
+        if self._addresses is None:
+            self._addresses = self._device.buffer(ADDRESS_BYTES * len(names), f"addresses {self.index}", host=True)
+        # A name that no pass uses may have no buffer.
+        found = [self._bound[name].address if name in self._bound else 0 for name in names]
+        self._addresses.view(np.uint64)[:] = found
+        self._bound[ADDRESSES] = self._addresses
 
     def _bind(self, bound: set[int], pipeline: Pipeline | None) -> None:
         """Bind a pipeline, and the descriptor sets if its bind point isn't in `bound` yet."""
@@ -303,5 +321,7 @@ class Slot:
             self._sets.destroy()
         if self._uniforms is not None:
             self._uniforms.destroy()
+        if self._addresses is not None:
+            self._addresses.destroy()
         self._device.release(self._query_token)
         self._query_count = 0

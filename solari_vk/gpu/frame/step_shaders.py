@@ -69,7 +69,12 @@ class Modules(dict[ModuleKey, Module]):
 
     def _spirv(self, key: ModuleKey) -> bytes:
         return compile_shader(
-            key[0], header=key[1], root=self._sources, rays=self._device.rays, features=self._features
+            key[0],
+            header=key[1],
+            root=self._sources,
+            rays=self._device.rays,
+            features=self._features,
+            lacking=self._device.lacking,
         )
 
     def _shaders(self, item: Pass | Draw | Step) -> StepShaders:

@@ -12,7 +12,7 @@ function or an atomic operation, stays as it is.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import lru_cache
 
 import numpy as np
@@ -28,28 +28,47 @@ _TYPE_ARRAYS = (spv.OP_TYPE_VECTOR, spv.OP_TYPE_MATRIX, spv.OP_TYPE_ARRAY, spv.O
 
 
 @lru_cache(maxsize=128)
-def access_by_address(spirv: bytes, buffers: tuple[tuple[int, str], ...], most: int) -> tuple[bytes, tuple[str, ...]]:
+def access_by_address(
+    spirv: bytes, buffers: tuple[tuple[int, str], ...], most: int, table: tuple[int, tuple[str, ...]] | None = None
+) -> tuple[bytes, tuple[str, ...]]:
     """The module that accesses up to `most` buffers by address, and their names in the order of their addresses in the
     push constants.
 
-    spirv: a module of SPIR-V 1.6 without push constants. buffers: the ids of storage buffers' variables, and their
-    names.
+    spirv: a module of SPIR-V 1.6 without push constants. buffers: the ids of buffers' variables, and their names.
+    table: in place of push constants, the binding in set 0 of a uniform block, and the names of all addresses in it.
     """
     names = dict(buffers)
-    listed = list(spv.instructions(spirv))
-    first = next(i for i, words in enumerate(listed) if spv.opcode(words) == spv.OP_FUNCTION)
-    declarations, code = listed[:first], listed[first:]
+    declarations, code = _split(spirv)
     chains = _chains(code, set(names))
     roots = sorted({*chains.values()} - _used_elsewhere(code, chains), key=names.__getitem__)[:most]
     if not roots:
         return spirv, ()
     module = _Module(declarations, int(np.frombuffer(spirv[:20], np.uint32)[spv.ID_BOUND]))
     chains = {chain: root for chain, root in chains.items() if root in roots}
-    made = _by_address(code, chains, roots, module)
+    places = range(len(roots)) if table is None else [table[1].index(names[root]) for root in roots]
+    pushed, pointers = module.push(roots, places, None if table is None else table[0])
+    made = _by_address(code, chains, roots, module, pushed, pointers)
     header = np.frombuffer(spirv[:20], np.uint32).copy()
     joined = [word for words in (*module.finished(), *made) for word in words]
     header[spv.ID_BOUND] = module.bound
     return header.tobytes() + np.array(joined, np.uint32).tobytes(), tuple(names[variable] for variable in roots)
+
+
+def addressable(spirv: bytes, variables: tuple[tuple[int, str], ...]) -> set[str]:
+    """The names of those variables that a module accesses, and could access by address alone."""
+    _, code = _split(spirv)
+    chains = _chains(code, {variable for variable, _ in variables})
+    elsewhere = _used_elsewhere(code, chains)
+    # Only a descriptor knows the length of an array.
+    elsewhere |= {words[3] for words in code if spv.opcode(words) == spv.OP_ARRAY_LENGTH}
+    return {name for variable, name in variables if variable in {*chains.values()} - elsewhere}
+
+
+def _split(spirv: bytes) -> tuple[list[Words], list[Words]]:
+    """The declarations of a module, and its functions."""
+    listed = list(spv.instructions(spirv))
+    first = next(i for i, words in enumerate(listed) if spv.opcode(words) == spv.OP_FUNCTION)
+    return listed[:first], listed[first:]
 
 
 def _used_elsewhere(code: list[Words], chains: Mapping[int, int]) -> set[int]:
@@ -65,9 +84,16 @@ def _used_elsewhere(code: list[Words], chains: Mapping[int, int]) -> set[int]:
     return found
 
 
-def _by_address(code: list[Words], chains: Mapping[int, int], roots: list[int], module: _Module) -> list[Words]:
-    """The code with chains that begin at addresses. roots: the variables of the buffers, in the order of addresses."""
-    pushed, pointers = module.push(roots)
+def _by_address(
+    code: list[Words],
+    chains: Mapping[int, int],
+    roots: list[int],
+    module: _Module,
+    pushed: int,
+    pointers: list[tuple[int, int]],
+) -> list[Words]:
+    """The code with chains that begin at addresses. roots: the variables of the buffers, in the order of addresses.
+    pushed, pointers: as from `push`."""
     places = {variable: at for at, variable in enumerate(roots)}
     pointee_of: dict[int, int] = {}  # the type of what each chain leads to
     made: list[Words] = []
@@ -153,9 +179,12 @@ class _Module:
             self._added.append(spv.encoded(spv.OP_CONSTANT, self._integer, made, value))
         return self._indices[value]
 
-    def push(self, variables: list[int]) -> tuple[int, list[tuple[int, int]]]:
-        """Declare push constants with the addresses of the buffers of these variables. Returns their variable, and for
-        each the types of a pointer to the address and of the address."""
+    def push(
+        self, variables: list[int], places: Sequence[int], binding: int | None
+    ) -> tuple[int, list[tuple[int, int]]]:
+        """Declare push constants, or a uniform block, with the addresses of the buffers of these variables at places.
+        Returns their variable, and for each the types of a pointer to the address and of the address."""
+        storage = spv.STORAGE_PUSH_CONSTANT if binding is None else spv.STORAGE_UNIFORM
         # SPIR-V allows a type to be declared once: an existing type of unsigned 32-bit integers must be used.
         by_operands = {(spv.opcode(words), *words[2:]): number for number, words in self._types.items()}
         unsigned = by_operands.get((spv.OP_TYPE_INT, 32, 0))
@@ -168,16 +197,17 @@ class _Module:
         members = [self.physical(self.pointees[self._variables[variable]]) for variable in variables]
         block = self._add(spv.OP_TYPE_STRUCT, *members)
         self._decorations.append(spv.encoded(spv.OP_DECORATE, block, spv.DECORATION_BLOCK))
-        for at in range(len(members)):
+        for at, place in enumerate(places):
             self._decorations.append(
-                spv.encoded(spv.OP_MEMBER_DECORATE, block, at, spv.DECORATION_OFFSET, ADDRESS_BYTES * at)
+                spv.encoded(spv.OP_MEMBER_DECORATE, block, at, spv.DECORATION_OFFSET, ADDRESS_BYTES * place)
             )
-        pointer = self._add(spv.OP_TYPE_POINTER, spv.STORAGE_PUSH_CONSTANT, block)
-        to_members = {
-            member: self._add(spv.OP_TYPE_POINTER, spv.STORAGE_PUSH_CONSTANT, member) for member in set(members)
-        }
+        pointer = self._add(spv.OP_TYPE_POINTER, storage, block)
+        to_members = {member: self._add(spv.OP_TYPE_POINTER, storage, member) for member in set(members)}
         self._pushed = self.new_id()
-        self._added.append(spv.encoded(spv.OP_VARIABLE, pointer, self._pushed, spv.STORAGE_PUSH_CONSTANT))
+        self._added.append(spv.encoded(spv.OP_VARIABLE, pointer, self._pushed, storage))
+        if binding is not None:
+            self._decorations.append(spv.encoded(spv.OP_DECORATE, self._pushed, spv.DECORATION_SET, 0))
+            self._decorations.append(spv.encoded(spv.OP_DECORATE, self._pushed, spv.DECORATION_BINDING, binding))
         # Constants must be declared before the functions: those of all indices are made now.
         for at in range(len(members)):
             self.index(at)

@@ -196,30 +196,38 @@ def has_many_views(path: str, sources: Sources | None = None) -> bool:
 
 
 def compile_shader(
-    path: str, *, header: str = "", root: Roots | Sources | None = None, rays: str = "query", features: bool = True
+    path: str,
+    *,
+    header: str = "",
+    root: Roots | Sources | None = None,
+    rays: str = "query",
+    features: bool = True,
+    lacking: Sequence[str] = (),
 ) -> bytes:
     """SPIR-V of the shader at `path` below a GLSL root ("passes/x/trace.comp"); the suffix is the stage.
 
     `header` is text for a variant, put after the #version and #extension lines. The shader and its includes are looked
     up in `root`, one folder or several, and then in the package's folder; or in Sources, which read each file once for
     several shaders. `rays`: how the device traces them. `features`: whether features of scenes
-    are specialization constants, otherwise their code is left out. Raises CompilationError; SolariError if there is no
+    are specialization constants, otherwise their code is left out. `lacking`: macros that say what the device lacks.
+    Raises CompilationError; SolariError if there is no
     such file, if neither a compiler nor a shipped module for exactly these sources is there, or for ray
     queries that no pipeline can replace.
     """
     sources = root if isinstance(root, Sources) else Sources(roots(root))
-    spirv = _module(sources, path, header, features)
+    spirv = _module(sources, path, header, _defines(sources, path, features))
     if rays == "query" or not ray_generation.uses_ray_queries(spirv):
-        return spirv
-    return _module_without_queries(sources, path, header, features, rays)
+        return _module(sources, path, header, _defines(sources, path, features, lacking)) if lacking else spirv
+    defines = _defines(sources, path, features, lacking, rays)
+    return _module_without_queries(sources, path, header, defines, rays)
 
 
-def _module_without_queries(sources: Sources, path: str, header: str, features: bool, rays: str) -> bytes:
+def _module_without_queries(sources: Sources, path: str, header: str, defines: Sequence[str], rays: str) -> bytes:
     """The module of a compute shader that traces rays by pipelines or by compute. Raises as compile_shader."""
     if not path.endswith(".comp") or ray_generation.TRACE not in sources.closure(path):
         raise SolariError(f"{path}: {ray_generation.OWN_QUERIES}")
     try:
-        spirv = _module(sources, path, header, features, ray_generation.DEFINES[rays])
+        spirv = _module(sources, path, header, defines)
     except CompilationError as error:
         hint = f"{path}: {ray_generation.HINT}.\n" if rays == "pipeline" else ""
         raise CompilationError(f"{hint}{error}") from None
@@ -236,23 +244,25 @@ def _optimization(path: str) -> str:
     return "performance" if path in _OPTIMIZED and not overlays else "zero"
 
 
-def _defines(sources: Sources, path: str, features: bool, traces_by: str) -> list[str]:
-    """The macros that are defined in a module. traces_by: that of how it traces rays, "" by queries."""
-    plain = not features and _has_features(sources, path)
-    return [_WITHOUT_FEATURES] * plain + [traces_by] * bool(traces_by)
+def _defines(
+    sources: Sources, path: str, features: bool, lacking: Sequence[str] = (), rays: str = "query"
+) -> list[str]:
+    """The macros that are defined in a module, those of them that its text has."""
+    macros = [*lacking] if features else [_WITHOUT_FEATURES, *lacking]
+    found = [macro for macro in macros if _has_macro(sources, path, macro)]
+    return found if rays == "query" else [*found, ray_generation.DEFINES[rays]]
 
 
-def _has_features(sources: Sources, path: str) -> bool:
-    return any(_WITHOUT_FEATURES.encode() in text for text in sources.closure(path).values())
+def _has_macro(sources: Sources, path: str, macro: str) -> bool:
+    return any(macro.encode() in text for text in sources.closure(path).values())
 
 
-def _module(sources: Sources, path: str, header: str, features: bool, traces_by: str = "") -> bytes:
-    """The module of a shader. traces_by: as in `_defines`."""
+def _module(sources: Sources, path: str, header: str, defines: Sequence[str]) -> bytes:
+    """The module of a shader with these macros."""
     with _looking_up:
         file = sources.find(path)
         if file is None:
             raise SolariError(f"there is no shader {path} in {', '.join(map(str, sources.roots))}")
-        defines = _defines(sources, path, features, traces_by)
         source_key = _key(sources, path, header, defines)
         # A shipped module counts only for exactly these sources, whose texts are part of the key.
         for base in sources.roots:
@@ -309,7 +319,7 @@ def build_all(root: str | os.PathLike[str], out: str | os.PathLike[str]) -> list
 def _shipped_modules(sources: Sources, path: str) -> Iterator[tuple[str, tuple[str, bytes]]]:
     """The modules of a shader: the file of each, its key and the SPIR-V."""
     headers = ("", MANY_VIEWS) if has_many_views(path, sources) else ("",)
-    choices = (True, False) if _has_features(sources, path) else (True,)
+    choices = (True, False) if _has_macro(sources, path, _WITHOUT_FEATURES) else (True,)
     for header, features in product(headers, choices):
         name = path
         if header:
@@ -317,12 +327,12 @@ def _shipped_modules(sources: Sources, path: str) -> Iterator[tuple[str, tuple[s
         if not features:
             name += ".plain"
         spirv = compile_shader(path, header=header, root=sources, features=features)
-        yield f"{name}.spv", (_key(sources, path, header, _defines(sources, path, features, "")), spirv)
+        yield f"{name}.spv", (_key(sources, path, header, _defines(sources, path, features)), spirv)
         if ray_generation.uses_ray_queries(spirv) and ray_generation.TRACE in sources.closure(path):
-            for rays, define in ray_generation.DEFINES.items():
-                spirv = _module_without_queries(sources, path, header, features, rays)
-                key = _key(sources, path, header, _defines(sources, path, features, define))
-                yield f"{name}.{rays}.spv", (key, spirv)
+            for rays in ray_generation.DEFINES:
+                defines = _defines(sources, path, features, rays=rays)
+                spirv = _module_without_queries(sources, path, header, defines, rays)
+                yield f"{name}.{rays}.spv", (_key(sources, path, header, defines), spirv)
 
 
 if __name__ == "__main__":

@@ -26,11 +26,13 @@ FILES = (
 )
 
 
-@pytest.fixture(scope="module")
-def compute(any_device):
-    """A device that traces by compute shaders."""
-    with sv.Device(validation=True, rays="compute") as opened:
-        yield opened
+@pytest.fixture(scope="module", params=["", "shaderFloat64"])
+def compute(any_device, request):
+    """A device that traces by compute shaders, with and without doubles."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("SOLARI_VK_HIDDEN_FEATURES", request.param)
+        with sv.Device(validation=True, rays="compute") as opened:
+            yield opened
 
 
 @pytest.mark.parametrize("name", FILES)

@@ -235,6 +235,18 @@ def test_hits_by_compute_are_those_of_queries(devices, traced):
     assert [name for name in query.dtype.names if query[name].tobytes() != compute[name].tobytes()] == []
 
 
+def test_hits_by_pairs_of_floats(devices, monkeypatch):
+    """As devices without 64-bit numbers have them: the same triangles, at distances that differ by a rounding."""
+    monkeypatch.setenv("SOLARI_VK_HIDDEN_FEATURES", "shaderFloat64")
+    with sv.Device(validation=True, rays="compute") as device:
+        assert device.lacking == ("WITHOUT_DOUBLES",)
+        for traced in (animated_hits, hits_of_placed_instances, hits_in_two_levels, hits_of_fine_meshes):
+            query, pairs = traced(devices["query"]), traced(device)
+            for name in ("instance", "primitive", "front_face"):
+                np.testing.assert_array_equal(pairs[name], query[name])
+            np.testing.assert_allclose(pairs["t"], query["t"], rtol=1.3e-7)
+
+
 TRACE = "scene/trace_compute.glsl"
 
 
