@@ -14,6 +14,7 @@ from solari_vk.base.errors import SolariError, is_name, quoted
 from solari_vk.gpu.frame.stages import IfUsed, Pass, Stage
 from solari_vk.gpu.shaders.headers import enumeration
 from solari_vk.passes.first_hits import FIRST_HITS
+from solari_vk.passes.rows import rows as thread_rows
 from solari_vk.settings.layering import LAYERINGS, brdf_constants
 
 if TYPE_CHECKING:  # shaders are compiled with this module's header on machines without Vulkan
@@ -26,6 +27,10 @@ MIN_ROWS = 8  # of a dispatch
 MAX_FIRST_PIXELS = 1 << 20  # of a first dispatch, before anything is measured
 SAMPLE_BLOCK = 8  # pixels on a side of a block of adaptive sampling, whose halves have a number of samples each
 MAX_ROWS = 1 << 18  # of a dispatch: devices take 65,535 workgroups of 8 rows
+SQUARE = 8  # pixels on a side of a workgroup
+MAX_PATHS = 1 << 20  # in waves at a time; a GPU runs some 200,000 threads at once
+MAX_PATH_BYTES = 256  # of a path in waves
+WAVES = 8  # before the paths that are left are traced to their ends by one pass
 LIGHT_STRATEGIES = ("mis", "nee", "brdf")
 """mis: multiple importance sampling of light samples and BRDF samples. nee: next event estimation, light samples alone.
 brdf: BRDF samples alone. All have the same mean."""
@@ -62,11 +67,14 @@ class Settings:
             object.__setattr__(self, name, number)
 
 
-def trace_stage(size: tuple[int, int], rows: int, settings: Settings, shader: str = "trace") -> Stage:
+def trace_stage(
+    size: tuple[int, int], rows: int, settings: Settings, shader: str = "trace", max_paths: int = 0
+) -> Stage:
     """The means of all pixels, and a dispatch over some rows, from the uniform first_row on.
 
     With the shader "illuminance", the path of each pixel starts at its point of the buffer `measured_points` instead of
-    the camera. With "trace" the host may write `sample_ranges`.
+    the camera. With "trace" the host may write `sample_ranges`. max_paths: if it isn't 0, the rays of so many paths
+    are traced together, wave by wave, which are those of at most `samples_in_waves` samples; only with "trace".
     Inputs: `*_table`, `brdf_averages`. Outputs: `radiance_mean`, `luminance_deviations`, `ray_count`.
     """
     pixels = size[0] * size[1]
@@ -75,9 +83,47 @@ def trace_stage(size: tuple[int, int], rows: int, settings: Settings, shader: st
     buffers: dict[str, int | IfUsed] = {"radiance_mean": pixels, "luminance_deviations": pixels, "ray_count": pixels}
     if shader == "trace":  # the difference of a block's halves tells its error
         buffers["sample_ranges"] = IfUsed(2 * math.prod(math.ceil(side / SAMPLE_BLOCK) for side in size))
-    return Stage(
-        "reference", buffers=buffers, passes=[Pass(f"reference/{shader}", threads=(size[0], rows), constants=brdf)]
-    )
+    passes = [Pass(f"reference/{shader}", threads=(size[0], rows), constants=brdf)]
+    if max_paths:
+        paths = _paths_of_a_sample(size[0], rows) * samples_in_waves(size[0], rows, max_paths)
+        buffers |= {"waiting_paths": paths, "wave_queues": 2 * paths, "wave": 1}
+        passes = _waves(paths, (size[0], rows), brdf)
+    return Stage("reference", buffers=buffers, passes=passes)
+
+
+def max_paths(buffer_bytes: int) -> int:
+    """How many paths may be in waves at a time. buffer_bytes: of the device's largest buffer."""
+    return min(MAX_PATHS, buffer_bytes // MAX_PATH_BYTES)
+
+
+def samples_in_waves(width: int, rows: int, max_paths: int) -> int:
+    """The most samples of each pixel that a dispatch over so many rows takes in waves."""
+    return max(max_paths // _paths_of_a_sample(width, rows), 1)
+
+
+def _paths_of_a_sample(width: int, rows: int) -> int:
+    """The paths of one sample of each pixel, in whole squares of pixels: glsl/passes/reference/waves.glsl."""
+    return math.ceil(width / SQUARE) * math.ceil(rows / SQUARE) * SQUARE**2
+
+
+def _waves(paths: int, pixels: tuple[int, int], brdf: dict[str, Any]) -> list[Pass]:
+    """All paths of a dispatch together, ray by ray: `passes.paths.traces_apart` says why.
+
+    Few paths are longer than WAVES rays; the last pass over paths traces these to their ends.
+    """
+    passes = [Pass("reference/start", threads=thread_rows(paths))]
+    for wave in range(WAVES):
+        passes += [
+            Pass("reference/next_wave", threads=1, constants={"wave_index": wave}),
+            Pass("reference/trace_wave", indirect="wave"),
+            Pass("reference/shade_wave", indirect="wave", constants=brdf),
+        ]
+    return [
+        *passes,
+        Pass("reference/next_wave", threads=1, constants={"wave_index": WAVES}),
+        Pass("reference/finish", indirect="wave", constants=brdf),
+        Pass("reference/accumulate", threads=pixels),
+    ]
 
 
 def aov_stage(size: tuple[int, int], rows: int, shader: str = "aov", has_motion: bool = False) -> Stage:
@@ -112,12 +158,16 @@ def rows_of(size: tuple[int, int], pixels: int) -> int:
     return min(size[1], max(pixels // size[0], 1), MAX_ROWS)
 
 
-def max_rows(size: tuple[int, int], pixel_ms: float = 0.0) -> int:
+def max_rows(size: tuple[int, int], pixel_ms: float = 0.0, max_paths: int = 0) -> int:
     """Rows of a picture in one dispatch before anything is measured: few enough for any driver's watchdog.
 
     pixel_ms: the milliseconds of a sample of a pixel in another picture, if known; the dispatch then takes DISPATCH_MS.
+    max_paths: how many paths there may be at a time, 0 for any number.
     """
     rows = rows_of(size, MAX_FIRST_PIXELS)
+    if max_paths:
+        square_rows = max_paths // _paths_of_a_sample(size[0], SQUARE)
+        rows = min(rows, max(square_rows, 1) * SQUARE)
     if pixel_ms == 0.0:
         return rows
     return min(rows, max(int(DISPATCH_MS / (pixel_ms * size[0])), MIN_ROWS))

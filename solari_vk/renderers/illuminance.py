@@ -113,6 +113,9 @@ class _PointTracer(PathTracer):
     def _stages(self, size: tuple[int, int]) -> list[Stage]:
         return [reference.trace_stage(size, self._dispatch.rows, self.settings, "illuminance")]
 
+    def _max_paths(self) -> int:
+        return 0  # the shaders of waves start paths at the camera
+
     def _inputs(self) -> dict[str, Any]:
         # Numbers of 32 bits are rounded in proportion to the largest coordinate: by that a point that lies on a surface
         # may be off it. The shader lifts it as far as that surface needs.
