@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from numbers import Integral
 from typing import TYPE_CHECKING, Any
 
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from solari_vk.base.errors import SolariError, is_name, quoted
 from solari_vk.gpu.frame.stages import IfUsed, Pass, Stage
-from solari_vk.gpu.shaders.headers import enumeration
+from solari_vk.gpu.shaders.headers import constants, enumeration
 from solari_vk.passes.first_hits import FIRST_HITS
 from solari_vk.passes.rows import rows as thread_rows
 from solari_vk.settings.layering import LAYERINGS, brdf_constants
@@ -28,9 +28,13 @@ MAX_FIRST_PIXELS = 1 << 20  # of a first dispatch, before anything is measured
 SAMPLE_BLOCK = 8  # pixels on a side of a block of adaptive sampling, whose halves have a number of samples each
 MAX_ROWS = 1 << 18  # of a dispatch: devices take 65,535 workgroups of 8 rows
 SQUARE = 8  # pixels on a side of a workgroup
-MAX_PATHS = 1 << 20  # in waves at a time; a GPU runs some 200,000 threads at once
-MAX_PATH_BYTES = 256  # of a path in waves
-WAVES = 8  # before the paths that are left are traced to their ends by one pass
+MAX_SAMPLES = 64  # per pixel in one dispatch
+MAX_PATHS = 1 << 20  # of a dispatch; a GPU runs some 200,000 threads at once
+MAX_CPU_PATHS = 1 << 16
+MAX_WAVES = 32  # before the paths that are left are traced to their ends by one pass
+STORED_QUADS = 13  # of four numbers, of each path
+QUAD_BYTES = 16
+INDEPENDENT_SAMPLES = "#define INDEPENDENT_SAMPLES"  # the header of shaders without low-discrepancy sequences
 LIGHT_STRATEGIES = ("mis", "nee", "brdf")
 """mis: multiple importance sampling of light samples and BRDF samples. nee: next event estimation, light samples alone.
 brdf: BRDF samples alone. All have the same mean."""
@@ -68,62 +72,57 @@ class Settings:
 
 
 def trace_stage(
-    size: tuple[int, int], rows: int, settings: Settings, shader: str = "trace", max_paths: int = 0
+    size: tuple[int, int], rows: int, max_paths: int, settings: Settings, starts_at_points: bool = False
 ) -> Stage:
     """The means of all pixels, and a dispatch over some rows, from the uniform first_row on.
 
-    With the shader "illuminance", the path of each pixel starts at its point of the buffer `measured_points` instead of
-    the camera. With "trace" the host may write `sample_ranges`. max_paths: if it isn't 0, the rays of so many paths
-    are traced together, wave by wave, which are those of at most `samples_in_waves` samples; only with "trace".
-    Inputs: `*_table`, `brdf_averages`. Outputs: `radiance_mean`, `luminance_deviations`, `ray_count`.
+    max_paths: the paths of at most `samples_at_once` samples are traced together, wave by wave. starts_at_points: the
+    path of each pixel starts at its point of the buffer `measured_points` instead of the camera; samples are
+    independent. The host may write `sample_ranges`. Inputs: `*_table`, `brdf_averages`. Outputs: `radiance_mean`,
+    `luminance_deviations`, `ray_count`.
     """
     pixels = size[0] * size[1]
+    paths = _paths_of_a_sample(size[0], rows) * samples_at_once(size[0], rows, max_paths)
+    buffers: dict[str, int | IfUsed] = {
+        # Means and sums of squared deviations, updated as by Welford (1962), take any number of samples in float32.
+        **dict.fromkeys(("radiance_mean", "luminance_deviations", "ray_count"), pixels),
+        # The difference of a block's halves tells its error.
+        "sample_ranges": IfUsed(2 * math.prod(math.ceil(side / SAMPLE_BLOCK) for side in size)),
+        "stored_paths": STORED_QUADS * paths,
+        "wave_queues": 2 * paths,  # the paths of this wave and of the next one
+        "wave": 1,
+    }
+    waves = min(settings.max_bounces + 1, MAX_WAVES)
     brdf = brdf_constants(settings)
-    # Means and sums of squared deviations, updated as by Welford (1962), take any number of samples in float32.
-    buffers: dict[str, int | IfUsed] = {"radiance_mean": pixels, "luminance_deviations": pixels, "ray_count": pixels}
-    if shader == "trace":  # the difference of a block's halves tells its error
-        buffers["sample_ranges"] = IfUsed(2 * math.prod(math.ceil(side / SAMPLE_BLOCK) for side in size))
-    passes = [Pass(f"reference/{shader}", threads=(size[0], rows), constants=brdf)]
-    if max_paths:
-        paths = _paths_of_a_sample(size[0], rows) * samples_in_waves(size[0], rows, max_paths)
-        buffers |= {"waiting_paths": paths, "wave_queues": 2 * paths, "wave": 1}
-        passes = _waves(paths, (size[0], rows), brdf)
-    return Stage("reference", buffers=buffers, passes=passes)
-
-
-def max_paths(buffer_bytes: int) -> int:
-    """How many paths may be in waves at a time. buffer_bytes: of the device's largest buffer."""
-    return min(MAX_PATHS, buffer_bytes // MAX_PATH_BYTES)
-
-
-def samples_in_waves(width: int, rows: int, max_paths: int) -> int:
-    """The most samples of each pixel that a dispatch over so many rows takes in waves."""
-    return max(max_paths // _paths_of_a_sample(width, rows), 1)
-
-
-def _paths_of_a_sample(width: int, rows: int) -> int:
-    """The paths of one sample of each pixel, in whole squares of pixels: glsl/passes/reference/waves.glsl."""
-    return math.ceil(width / SQUARE) * math.ceil(rows / SQUARE) * SQUARE**2
-
-
-def _waves(paths: int, pixels: tuple[int, int], brdf: dict[str, Any]) -> list[Pass]:
-    """All paths of a dispatch together, ray by ray: `passes.paths.traces_apart` says why.
-
-    Few paths are longer than WAVES rays; the last pass over paths traces these to their ends.
-    """
-    passes = [Pass("reference/start", threads=thread_rows(paths))]
-    for wave in range(WAVES):
+    passes = [Pass(f"reference/{'illuminance' if starts_at_points else 'start'}", threads=thread_rows(paths))]
+    for wave in range(waves):
         passes += [
             Pass("reference/next_wave", threads=1, constants={"wave_index": wave}),
             Pass("reference/trace_wave", indirect="wave"),
             Pass("reference/shade_wave", indirect="wave", constants=brdf),
         ]
-    return [
-        *passes,
-        Pass("reference/next_wave", threads=1, constants={"wave_index": WAVES}),
-        Pass("reference/finish", indirect="wave", constants=brdf),
-        Pass("reference/accumulate", threads=pixels),
-    ]
+    passes.append(Pass("reference/next_wave", threads=1, constants={"wave_index": waves}))
+    if settings.max_bounces >= MAX_WAVES:
+        passes.append(Pass("reference/finish", indirect="wave", constants=brdf))
+    passes.append(Pass("reference/accumulate", threads=(size[0], rows)))
+    if starts_at_points:
+        passes = [replace(one, header=INDEPENDENT_SAMPLES) for one in passes]
+    return Stage("reference", buffers=buffers, passes=passes)
+
+
+def max_paths(kind: str, buffer_bytes: int) -> int:
+    """How many paths are traced at a time. kind: of the device, such as "cpu". buffer_bytes: of its largest buffer."""
+    return min(MAX_CPU_PATHS if kind == "cpu" else MAX_PATHS, buffer_bytes // (STORED_QUADS * QUAD_BYTES))
+
+
+def samples_at_once(width: int, rows: int, max_paths: int) -> int:
+    """The most samples of each pixel that a dispatch over so many rows takes."""
+    return max(min(max_paths // _paths_of_a_sample(width, rows), MAX_SAMPLES), 1)
+
+
+def _paths_of_a_sample(width: int, rows: int) -> int:
+    """The paths of one sample of each pixel, in whole squares of pixels: glsl/passes/reference/waves.glsl."""
+    return math.ceil(width / SQUARE) * math.ceil(rows / SQUARE) * SQUARE**2
 
 
 def aov_stage(size: tuple[int, int], rows: int, shader: str = "aov", has_motion: bool = False) -> Stage:
@@ -158,16 +157,13 @@ def rows_of(size: tuple[int, int], pixels: int) -> int:
     return min(size[1], max(pixels // size[0], 1), MAX_ROWS)
 
 
-def max_rows(size: tuple[int, int], pixel_ms: float = 0.0, max_paths: int = 0) -> int:
+def max_rows(size: tuple[int, int], pixel_ms: float = 0.0, max_paths: int = MAX_FIRST_PIXELS) -> int:
     """Rows of a picture in one dispatch before anything is measured: few enough for any driver's watchdog.
 
     pixel_ms: the milliseconds of a sample of a pixel in another picture, if known; the dispatch then takes DISPATCH_MS.
-    max_paths: how many paths there may be at a time, 0 for any number.
     """
-    rows = rows_of(size, MAX_FIRST_PIXELS)
-    if max_paths:
-        square_rows = max_paths // _paths_of_a_sample(size[0], SQUARE)
-        rows = min(rows, max(square_rows, 1) * SQUARE)
+    squares = max_paths // _paths_of_a_sample(size[0], SQUARE)  # on top of each other
+    rows = min(rows_of(size, MAX_FIRST_PIXELS), max(squares, 1) * SQUARE)
     if pixel_ms == 0.0:
         return rows
     return min(rows, max(int(DISPATCH_MS / (pixel_ms * size[0])), MIN_ROWS))
@@ -199,8 +195,9 @@ def read_aov(frame: Frame, name: str, size: tuple[int, int]) -> NDArray[Any]:
 
 
 def glsl_header() -> str:
-    """`const uint LIGHT_STRATEGY_MIS = 0u;`, `const uint PIXEL_FILTER_BOX = 0u;` and so on."""
-    return enumeration("LIGHT_STRATEGY", LIGHT_STRATEGIES) + "\n" + enumeration("PIXEL_FILTER", PIXEL_FILTERS)
+    """`const uint LIGHT_STRATEGY_MIS = 0u;`, `const uint PIXEL_FILTER_BOX = 0u;` and so on, and STORED_QUADS."""
+    names = {"LIGHT_STRATEGY": LIGHT_STRATEGIES, "PIXEL_FILTER": PIXEL_FILTERS}
+    return "\n".join([*(enumeration(*item) for item in names.items()), constants(STORED_QUADS=STORED_QUADS)])
 
 
 def numbered_seed(seed: int, number: int) -> int:

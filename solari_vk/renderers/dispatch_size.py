@@ -7,7 +7,6 @@ from collections import deque
 from solari_vk.gpu.frame.frame import Frame
 from solari_vk.passes import reference
 
-MAX_SAMPLES = 64  # per pixel in one dispatch
 MEASURED_DISPATCHES = 4  # whose sizes are remembered until their times are known
 FIRST_MEASUREMENT = 4  # frames after which a time is looked at: in the first ones drivers may compile
 
@@ -19,9 +18,7 @@ class DispatchSize:
     none was measured. frame_count: that of the path tracer's frame.
     """
 
-    def __init__(
-        self, size: tuple[int, int], frame_count: int = 0, pixel_ms: float = 0.0, max_paths: int = 0
-    ) -> None:
+    def __init__(self, size: tuple[int, int], max_paths: int, frame_count: int = 0, pixel_ms: float = 0.0) -> None:
         self.max_paths = max_paths
         self.rows = reference.max_rows(size, pixel_ms, max_paths)
         self.samples = 1
@@ -30,12 +27,6 @@ class DispatchSize:
         """The number of frames from which `adapt` looks at a time."""
         self._width = size[0]
         self._work: deque[tuple[int, int]] = deque(maxlen=MEASURED_DISPATCHES)  # timeline values, samples times rows
-
-    @property
-    def _most_samples(self) -> int:
-        if not self.max_paths:
-            return MAX_SAMPLES
-        return min(reference.samples_in_waves(self._width, self.rows, self.max_paths), MAX_SAMPLES)
 
     def record(self, timeline_value: int, samples: int, rows: int) -> None:
         """Remember how large the dispatch with a timeline value was."""
@@ -57,7 +48,8 @@ class DispatchSize:
         wanted_work = reference.DISPATCH_MS / milliseconds * work
         self.pixel_ms = milliseconds / (work * self._width)
         # One measurement may be far off, so that the size grows by a factor of 4 at most.
-        self.samples = max(1, min(int(wanted_work / self.rows), 4 * self.samples, self._most_samples))
+        most = reference.samples_at_once(self._width, self.rows, self.max_paths)
+        self.samples = max(1, min(int(wanted_work / self.rows), 4 * self.samples, most))
         if wanted_work >= self.rows / 4 or self.rows <= reference.MIN_ROWS:
             return False
         # Even one sample per pixel takes more than four times as long as wanted.

@@ -111,10 +111,8 @@ class _PointTracer(PathTracer):
         return size
 
     def _stages(self, size: tuple[int, int]) -> list[Stage]:
-        return [reference.trace_stage(size, self._dispatch.rows, self.settings, "illuminance")]
-
-    def _max_paths(self) -> int:
-        return 0  # the shaders of waves start paths at the camera
+        dispatch = self._dispatch
+        return [reference.trace_stage(size, dispatch.rows, dispatch.max_paths, self.settings, starts_at_points=True)]
 
     def _inputs(self) -> dict[str, Any]:
         # Numbers of 32 bits are rounded in proportion to the largest coordinate: by that a point that lies on a surface

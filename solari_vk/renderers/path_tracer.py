@@ -20,8 +20,8 @@ from solari_vk.gpu.tensors.exports import CudaTensor
 from solari_vk.output import oidn
 from solari_vk.passes import reference
 from solari_vk.passes.first_hits import FIRST_HITS
-from solari_vk.passes.paths import traces_apart
-from solari_vk.renderers.dispatch_size import MAX_SAMPLES, DispatchSize
+from solari_vk.passes.reference import MAX_SAMPLES
+from solari_vk.renderers.dispatch_size import DispatchSize
 from solari_vk.renderers.motion_blur import CallbackCameras, PoseCallback, checked_pose, pose_after_error
 from solari_vk.renderers.renderer_base import RendererBase
 from solari_vk.renderers.results import RenderedFrame
@@ -78,7 +78,9 @@ class PathTracer(RendererBase):
         try:
             self._accumulation_key: tuple[Any, ...] | None = None  # scene, size and camera of the picture
             self._callback_cameras = CallbackCameras()
-            self._dispatch = DispatchSize(self.size, max_paths=self._max_paths())
+            properties = device.properties
+            max_paths = reference.max_paths(properties.kind, properties.limits.maxStorageBufferRange)
+            self._dispatch = DispatchSize(self.size, max_paths)
             stages = self._stages(self.size)
             self._frame = self._owned.enter_context(SceneFrame(device, self.binder, stages, external=self._inputs()))
             self._sample_counts = SampleCounts(self._frame, self.size, self.read)
@@ -88,13 +90,7 @@ class PathTracer(RendererBase):
             raise
 
     def _stages(self, size: tuple[int, int]) -> list[Stage]:
-        return [reference.trace_stage(size, self._dispatch.rows, self.settings, max_paths=self._dispatch.max_paths)]
-
-    def _max_paths(self) -> int:
-        """How many paths are traced at a time, wave by wave; 0 where each invocation traces its own to the end."""
-        if not traces_apart(self.device.rays, self.device.properties.kind):
-            return 0
-        return reference.max_paths(self.device.properties.limits.maxStorageBufferRange)
+        return [reference.trace_stage(size, self._dispatch.rows, self._dispatch.max_paths, self.settings)]
 
     def _inputs(self) -> dict[str, Any]:
         """What the stages' shaders are given beside the scene, by name."""
@@ -103,7 +99,7 @@ class PathTracer(RendererBase):
     def resize(self, size: tuple[int, int]) -> None:
         size = self._checked_size(size)
         before = self._dispatch
-        self._dispatch = DispatchSize(size, self._frame.frame_count, before.pixel_ms, before.max_paths)
+        self._dispatch = DispatchSize(size, before.max_paths, self._frame.frame_count, before.pixel_ms)
         try:
             self._frame.rebuild(self._stages(size))
         except BaseException:

@@ -1,20 +1,37 @@
-// Adds the paths of a dispatch to the pixels' means.
+// Adds the paths of a dispatch to the means of pixels.
 #version 460
 #include "passes/reference/waves.glsl"
 
 layout(local_size_x = 8, local_size_y = 8) in;
 
+// The mean is updated sample by sample, so that its bits don't depend on how samples are split into dispatches. A mean
+// keeps the precision of the millionth sample, which a sum would lose.
 void main() {
     uvec2 pixel = INVOCATION_INDEX + uvec2(0u, path_sampling.first_row);
     uint index;
     if (!find_pixel(pixel, index) || INVOCATION_INDEX.y >= path_sampling.row_count) { return; }
     uvec2 range = sample_range(pixel);
     if (range.x >= range.y) { return; }
-    PixelMean mean = load_mean(index, range.x);
+    vec3 mean = vec3(0.0);
+    float squared_deviations = 0.0;  // their sum
+    uint all_rays = 0u;
+    if (range.x > 0u) {
+        mean = radiance_mean.at[index];
+        squared_deviations = luminance_deviations.at[index];
+        all_rays = ray_count.at[index];
+    }
     uint path = first_path(INVOCATION_INDEX);
-    while (mean.samples < range.y) {
-        add_sample(mean, waiting_paths.at[path].path.radiance, waiting_paths.at[path].path.rays);
+    for (uint sample_index = range.x; sample_index < range.y; sample_index++) {
+        uint rays;
+        vec3 radiance = load_radiance(path, rays);
+        // Welford, "Note on a Method for Calculating Corrected Sums of Squares and Products" (1962)
+        vec3 difference = radiance - mean;
+        mean += difference / float(sample_index + 1u);
+        squared_deviations += luminance(difference) * luminance(radiance - mean);
+        all_rays += rays;
         path += paths_per_sample();
     }
-    store_mean(index, mean);
+    radiance_mean.at[index] = mean;
+    luminance_deviations.at[index] = squared_deviations;
+    ray_count.at[index] = all_rays;
 }

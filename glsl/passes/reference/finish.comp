@@ -8,7 +8,11 @@ void main() {
     uint index, sample_index;
     uvec2 pixel;
     if (!find_waiting_path(INVOCATION_INDEX, index, pixel, sample_index)) { return; }
-    WaitingPath waiting = waiting_paths.at[index];
-    do { trace_rays(waiting); } while (waiting.walks && shade(waiting, pixel, sample_index));
-    waiting_paths.at[index].path = waiting.path;
+    WaitingPath waiting = load_path(index);
+    while (has_rays(waiting)) {
+        Segment segment = trace_rays(waiting);
+        if (!waiting.walks) { break; }
+        shade(waiting, segment, pixel, sample_index);
+    }
+    store_radiance(index, waiting.path);
 }

@@ -1,8 +1,11 @@
-// Paths of the reference path tracer. A shader that includes this file says where paths start.
+// Paths of the reference path tracer: what happens at the surfaces that they reach.
 #ifndef PASSES_REFERENCE_PATH_GLSL
 #define PASSES_REFERENCE_PATH_GLSL
 
 #define LIGHT_STRATA SCENE_LIGHT_STRATA
+#ifndef INDEPENDENT_SAMPLES
+#define LOW_DISCREPANCY  // samples of a pixel are points of sequences: common/random.glsl
+#endif
 #include "passes/reference/bindings.glsl"
 #include "passes/views.glsl"
 #include "scene/walk.glsl"
@@ -34,16 +37,6 @@ struct Vertex {
     vec3 wo;       // in the frame
     Medium below;  // on the other side
 };
-
-// Starts a path of a pixel: either sets its walk, to trace the first ray, and returns false, or also sets a vertex from
-// which the walk goes on, and returns true.
-bool start_path(uvec2 pixel, inout Path path, inout Vertex vertex, inout uint rng);
-
-// Where the paths of a pixel start, without jitter.
-vec3 start_position(uvec2 pixel);
-
-// The samples that a pixel takes in this dispatch: from index x to y - 1.
-uvec2 sample_range(uvec2 pixel);
 
 // Walk.mis_pdf for the setting light_strategy: INFINITY gives light samples no weight, 0 gives them all the weight.
 float mis_pdf(float pdf) {
@@ -126,65 +119,36 @@ bool leave_vertex(inout Path path, Vertex vertex, inout uint rng) {
     return goes_on;
 }
 
-// The samples of this dispatch if sampling isn't adaptive.
-uvec2 uniform_sample_range() {
-    return path_sampling.sample_index + uvec2(0u, path_sampling.samples_per_dispatch);
-}
-
-// A path that has no ray yet.
-void begin_path(out Path path) {
+// A path without a walk.
+Path begin_path() {
+    Path path;
     path.receiver = NO_RECEIVER;
     path.shadow_ray = NO_SHADOW_RAY;
     path.bounce = 0u;
     path.radiance = vec3(0.0);
     path.rays = 0u;
+    return path;
 }
 
-// Sets the random numbers for the next ray of a sample's path.
-void begin_random_numbers(uvec2 pixel, uint sample_index, uint bounce, inout uint rng) {
-    uint number = path_sampling.first_sample + sample_index;
+// Says which sample of its pixel a path is.
+void choose_sample(uint sample_index) {
+#ifdef LOW_DISCREPANCY
+    sequence_index = path_sampling.first_sample + sample_index;
+#endif
+}
+
+// The random numbers of a path whose walk has left so many surfaces. `rng`: those before the latest of them.
+uint next_rng(uvec2 pixel, uint sample_index, uint bounce, uint rng) {
 #ifdef MANY_VIEWS
     uint seed = views.at[view_index].frame.seed;
 #else
     uint seed = path_sampling.seed;
 #endif
 #ifdef LOW_DISCREPANCY
-    sequence_index = number;
-    rng = seed_rng(pixel, bounce, seed);  // the same for all samples, whatever they drew before
+    return seed_rng(pixel, bounce, seed);  // the same for all samples, whatever they drew before
 #else
-    if (bounce == 0u) { rng = seed_rng(pixel, number, seed); }
+    return bounce == 0u ? seed_rng(pixel, path_sampling.first_sample + sample_index, seed) : rng;
 #endif
-}
-
-// ---- means -------------------------------------------------------------------------------------------
-
-// The mean of a pixel's samples. It is updated sample by sample, so that its bits don't depend on how samples are split
-// into dispatches, and keeps the precision of the millionth sample, which a sum would lose.
-struct PixelMean {
-    uint samples;
-    vec3 radiance;
-    float squared_deviations;  // their sum
-    uint rays;
-};
-
-PixelMean load_mean(uint index, uint samples) {
-    if (samples == 0u) { return PixelMean(0u, vec3(0.0), 0.0, 0u); }
-    return PixelMean(samples, radiance_mean.at[index], luminance_deviations.at[index], ray_count.at[index]);
-}
-
-// Welford, "Note on a Method for Calculating Corrected Sums of Squares and Products" (1962)
-void add_sample(inout PixelMean mean, vec3 radiance, uint rays) {
-    mean.samples += 1u;
-    vec3 difference = radiance - mean.radiance;
-    mean.radiance += difference / float(mean.samples);
-    mean.squared_deviations += luminance(difference) * luminance(radiance - mean.radiance);
-    mean.rays += rays;
-}
-
-void store_mean(uint index, PixelMean mean) {
-    radiance_mean.at[index] = mean.radiance;
-    luminance_deviations.at[index] = mean.squared_deviations;
-    ray_count.at[index] = mean.rays;
 }
 
 #endif

@@ -8,9 +8,14 @@ void main() {
     uint index, sample_index;
     uvec2 pixel;
     if (!find_waiting_path(INVOCATION_INDEX, index, pixel, sample_index)) { return; }
-    WaitingPath waiting = waiting_paths.at[index];
-    if (!waiting.walks) { return; }
-    bool waits = shade(waiting, pixel, sample_index);
-    waiting_paths.at[index] = waiting;
-    if (waits) { queue_path(index, wave.index + 1u); }
+    WaitingPath waiting = load_path(index);
+    if (!waiting.walks) { return; }  // it had a shadow ray
+    Segment segment = load_segment(index, waiting.rng);
+    shade(waiting, segment, pixel, sample_index);
+    if (has_rays(waiting)) {
+        store_path(index, waiting);
+        queue_path(index, wave.index + 1u);
+    } else {
+        store_radiance(index, waiting.path);
+    }
 }

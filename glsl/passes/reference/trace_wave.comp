@@ -1,4 +1,4 @@
-// Traces the rays of a wave's paths, and nothing else: passes/paths/trace.comp says why.
+// Traces the rays of a wave's paths, and nothing else.
 #version 460
 #include "passes/reference/waves.glsl"
 
@@ -8,10 +8,8 @@ void main() {
     uint index, sample_index;
     uvec2 pixel;
     if (!find_waiting_path(INVOCATION_INDEX, index, pixel, sample_index)) { return; }
-    WaitingPath waiting = waiting_paths.at[index];
-    trace_rays(waiting);
-    waiting_paths.at[index].segment = waiting.segment;
-    waiting_paths.at[index].path.radiance = waiting.path.radiance;
-    waiting_paths.at[index].path.rays = waiting.path.rays;
-    waiting_paths.at[index].rng = waiting.rng;
+    WaitingPath waiting = load_path(index);
+    Segment segment = trace_rays(waiting);
+    store_radiance(index, waiting.path);
+    if (waiting.walks) { store_segment(index, segment, waiting.rng); }
 }

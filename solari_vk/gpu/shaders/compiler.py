@@ -169,7 +169,7 @@ def _with_source_lines(log: str, filepath: str, source: bytes, generated: Mappin
 _EMPTY_MAIN = re.compile(r"\bvoid\s+main\s*\(\s*\)\s*\{\s*\}")
 # The shaders of which a driver makes slower code without shaderc's optimizer: by 12 to 23 % on NVIDIA's H100. It takes
 # up to ten seconds a module; other shaders are as fast without it.
-_OPTIMIZED = ("passes/reference/trace.comp",)
+_OPTIMIZED = ("passes/reference/shade_wave.comp",)
 COMMON_FEATURES = {"SCENE_LIGHT_TREE", "SCENE_SMOOTH_NORMALS"}
 """The constants of features that many scenes have: modules for scenes without features have them too."""
 _WITHOUT_FEATURES = "WITHOUT_FEATURES"  # what is defined in shaders for scenes without features

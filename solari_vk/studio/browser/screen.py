@@ -18,7 +18,7 @@ from solari_vk.bound.binder import SceneBinder
 from solari_vk.gpu.device.device import Device
 from solari_vk.output.tone_mapping import TONEMAPS
 from solari_vk.passes.debug_views import DEBUG_VIEWS, check_view, views_of
-from solari_vk.renderers.dispatch_size import MAX_SAMPLES
+from solari_vk.passes.reference import MAX_SAMPLES
 from solari_vk.scene.model import Camera, Scene
 from solari_vk.settings import DEFAULTS, FIELDS, QUALITIES, Settings
 from solari_vk.studio.browser.picture import move, number

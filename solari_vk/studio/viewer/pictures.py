@@ -15,7 +15,7 @@ from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.device.image import Image
 from solari_vk.output.tone_mapping import TONEMAPS
 from solari_vk.passes.debug_views import DEBUG_VIEWS, PICTURE, views_of
-from solari_vk.renderers.dispatch_size import MAX_SAMPLES
+from solari_vk.passes.reference import MAX_SAMPLES
 from solari_vk.renderers.path_tracer import PathTracer
 from solari_vk.renderers.renderer import Renderer
 from solari_vk.scene.model import Camera, Scene

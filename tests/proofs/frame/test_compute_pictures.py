@@ -253,9 +253,13 @@ def test_rays_that_are_traced_apart_find_the_same_light(devices, monkeypatch, na
                 shown = snapshot(renderer.render(scene.camera))
                 frames |= {f"{output} {frame}": array for output, array in shown.items()}
         found.append(frames)
-    for output, whole in found[0].items():
-        largest = np.abs(whole[np.isfinite(whole)]).max(initial=0.0)
-        near = np.isclose(found[1][output], whole, rtol=1e-5, atol=1e-6 * largest, equal_nan=True)
+    check_near(*found)
+
+
+def check_near(expected, found):
+    for output, values in expected.items():
+        largest = np.abs(values[np.isfinite(values)]).max(initial=0.0)
+        near = np.isclose(found[output], values, rtol=1e-5, atol=1e-6 * largest, equal_nan=True)
         assert near.all(), output
 
 
