@@ -17,6 +17,8 @@ SCRATCH = {"sample_radiance": "paths_states", "error": "paths_ray_queues"}
 """Results of later stages that alias buffers of this one, since all paths are traced by then."""
 MIN_TIMED_SAMPLES = 2  # with frame_ms a pixel may take this many paths, whatever the settings say
 SHORT_HISTORY = 8.0  # frames of history from which one path is enough
+STATE_QUADS, RAYS_QUADS, HIT_QUADS = 6, 7, 5
+"""Of a path, its rays and what they have hit: four numbers each, as glsl/passes/paths/pack_path.glsl packs them."""
 WAVES_APART = 6  # with traces_apart, the waves before the last one, that of first rays among them
 WAVES = 3  # dispatches over the paths that go on after their first rays; the last one traces them to their ends
 
@@ -46,7 +48,8 @@ def stage(size: tuple[int, int], settings: Settings, views: int, traces_apart: b
     for sample in range(max_samples):
         passes += _waves(size, sample, traces_apart, brdf | {"paths_reuse": settings.restir}, sample_counts)
     buffers = {
-        **dict.fromkeys(("paths_diffuse", "paths_specular", "paths_states"), pixels),
+        **dict.fromkeys(("paths_diffuse", "paths_specular"), pixels),
+        "paths_states": STATE_QUADS * pixels,
         "paths_ray_queues": 2 * pixels,  # the paths that go on, of this wave and of the next
         "paths_queues": views,
         "paths_wave": 1,
@@ -54,10 +57,10 @@ def stage(size: tuple[int, int], settings: Settings, views: int, traces_apart: b
         "paths_short_histories": pixels if max_samples > 1 else 1,
         "paths_chosen": pixels if has_frame_ms else 1,
         "paths_reservoir_candidates": pixels if settings.restir else 1,
-        "paths_rays": pixels if traces_apart else 1,
+        "paths_rays": RAYS_QUADS * pixels if traces_apart else 1,
     }
     if traces_apart:
-        buffers["paths_hits"] = pixels
+        buffers["paths_hits"] = HIT_QUADS * pixels
     if settings.restir:
         # Reuse between frames, then between neighbors: Lin et al., "Generalized Resampled Importance Sampling" (2022).
         buffers |= dict.fromkeys(RESERVOIRS, pixels)
@@ -122,5 +125,6 @@ def most_timed_samples(short_history_samples: int) -> int:
 
 
 def glsl_header() -> str:
-    """The index of the last wave; frames of history from which one path is enough."""
-    return constants(LAST_WAVE=WAVES, SHORT_HISTORY=SHORT_HISTORY)
+    """The index of the last wave, frames of history from which one path is enough, and the numbers of quads."""
+    quads = {"STATE_QUADS": STATE_QUADS, "RAYS_QUADS": RAYS_QUADS, "HIT_QUADS": HIT_QUADS}
+    return constants(LAST_WAVE=WAVES, SHORT_HISTORY=SHORT_HISTORY, **quads)

@@ -8,9 +8,10 @@ void main() {
     uvec2 pixel;
     uint index;
     if (!find_waiting_path(pixel, index)) { return; }
-    Path path = unpack_path(paths_states.at[index], paths_rays.at[index]);
+    Path path = load_path_with_rays(index);
     path.walk.cone_spread = make_camera_ray(vec2(pixel) + 0.5).cone_spread;
-    bool goes_on = add_rays(path, unpack_hit(paths_hits.at[index])) && arrive(path, false);
+    TracedRays traced = load_path_hit(index, path.rng);
+    bool goes_on = add_rays(path, traced) && arrive(path, false);
     GBufferSurface surface = load_gbuffer(pixel);
     float roughness = surface.material.base.perceptual_roughness;
     bool first = path.bounce == 1u;

@@ -21,10 +21,11 @@ layout(set = 1, scalar) buffer RawRadianceBlock { vec3 at[]; } raw_radiance;
 // result `frame["error"]`.
 layout(set = 1, scalar) buffer ErrorBlock { float at[]; } error;
 
-layout(set = 1, scalar) buffer PathsStatesBlock { PathState at[]; } paths_states;  // by pixel
-// For passes/paths/trace.comp, which only traces: the rays that paths have chosen, and what it has found. By pixel.
-layout(set = 1, scalar) buffer PathsRaysBlock { PathRays at[]; } paths_rays;
-layout(set = 1, scalar) buffer PathsHitsBlock { PathHit at[]; } paths_hits;
+// By pixel: passes/paths/path_state.glsl.
+layout(set = 1, scalar) buffer PathsStatesBlock { uvec4 quads[]; } paths_states;
+// For passes/paths/trace.comp, which only traces: the rays that paths have chosen, and what it has found.
+layout(set = 1, scalar) buffer PathsRaysBlock { uvec4 quads[]; } paths_rays;
+layout(set = 1, scalar) buffer PathsHitsBlock { uvec4 quads[]; } paths_hits;
 // Ray queues of the indices of pixels whose paths wait: one of waves with even index, then one of waves with odd index.
 // Each view has a part of its own, so that a workgroup's rays are in one world, the scene that the view shows.
 layout(set = 1, scalar) buffer PathsRayQueuesBlock { uint at[]; } paths_ray_queues;

@@ -8,10 +8,10 @@ void main() {
     uvec2 pixel;
     uint index;
     if (!find_waiting_path(pixel, index)) { return; }
-    Path path = load_path_state(index);
+    Path path = unpack_path(load_path_state(index));
     path.walk.cone_spread = make_camera_ray(vec2(pixel) + 0.5).cone_spread;
     arrive(path, true);
     choose_rays(path);
-    paths_rays.at[index] = pack_rays(path);
+    store_path_rays(path, index);
     store_path_state(path, index);
 }

@@ -39,7 +39,7 @@ void main() {
     uint sample_index = paths_wave.sample_index, index;
     uvec2 pixel;
     if (!find_pixel_of_path(sample_index, pixel, index)) { return; }
-    if (traces_apart) { paths_states.at[index].flags = NO_PATH_STATE; }
+    if (traces_apart) { store_no_path_state(index); }
     uint samples = samples_per_pixel(index);
     if (max_timed_samples > 0u && sample_index >= samples) { return; }
     if (sample_index == 0u && samples > 1u) {
@@ -55,7 +55,7 @@ void main() {
     choose_rays(path);
     bool waits = traces_apart;
     if (traces_apart) {
-        paths_rays.at[index] = pack_rays(path);
+        store_path_rays(path, index);
     } else {
         waits = add_rays(path, trace_rays(path)) && arrive(path, false);
         surface = load_gbuffer(pixel);  // loaded again, instead of kept in registers across rays

@@ -9,7 +9,7 @@ void main() {
     uvec2 pixel;
     uint index;
     if (!find_waiting_path(pixel, index)) { return; }
-    Path path = load_path_state(index);
+    Path path = unpack_path(load_path_state(index));
     path.walk.cone_spread = make_camera_ray(vec2(pixel) + 0.5).cone_spread;
 
     // The first call of `arrive` only makes the vertex again. It is in the loop, since drivers inline each call.

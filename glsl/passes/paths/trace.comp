@@ -9,7 +9,7 @@ void main() {
     uvec2 pixel;
     uint index;
     if (!find_waiting_path(pixel, index)) { return; }
-    Path path = unpack_path(paths_states.at[index], paths_rays.at[index]);
-    paths_hits.at[index] = pack_hit(trace_rays(path));
-    paths_states.at[index].rng = path.rng;
+    Path path = load_path_with_rays(index);
+    TracedRays traced = trace_rays(path);
+    store_path_hit(traced, path.rng, index);
 }

@@ -10,7 +10,7 @@ void main() {
     WorldCachePath waiting = world_cache_paths.at[index];
     Path path = unpack_path(waiting.state, waiting.rays);
     path.cache_lifetime = world_cache_samples.at[waiting.thread].life & ~SEES_WALL;
-    TracedRays traced = unpack_hit(waiting.hit);
+    TracedRays traced = unpack_hit(waiting.hit, path.rng);
     while (add_rays(path, traced) && arrive(path, false)) {
         choose_rays(path);
         traced = trace_rays(path);

@@ -51,10 +51,11 @@ layout(set = 1, scalar) buffer WorldCacheDispatchBlock { IndirectDispatch size; 
 // The paths of the cells that a frame updates, for passes/world_cache/trace.comp, which only traces. `thread`: the one
 // for which find_cell_to_update returns the cell.
 struct WorldCachePath {
-    uint thread;
     PathState state;
     PathRays rays;
     PathHit hit;
+    uint thread;
+    uint unused[3];  // so that quads begin at multiples of their size
 };
 layout(set = 1, scalar) buffer WorldCachePathsBlock { WorldCachePath at[]; } world_cache_paths;
 

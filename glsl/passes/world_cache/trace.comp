@@ -9,7 +9,7 @@ void main() {
     if (!find_cell_path(index)) { return; }
     WorldCachePath waiting = world_cache_paths.at[index];
     Path path = unpack_path(waiting.state, waiting.rays);
-    world_cache_paths.at[index].hit = pack_hit(trace_rays(path));
-    world_cache_paths.at[index].state.rng = path.rng;
+    TracedRays traced = trace_rays(path);
+    world_cache_paths.at[index].hit = pack_hit(traced, path.rng);
     test_for_wall(world_cache_active_cells.at[waiting.thread], waiting.thread);
 }
