@@ -17,6 +17,7 @@ CELLS_OF_PIXEL = 16
 FEWEST_CELLS = 1 << 16
 FEWEST_CELLS_OF_WORLD = 1 << 12
 LARGEST_CELL_BYTES = 16  # of a cell in one buffer
+WAVES_APART = 3  # with traces_apart; the last one traces paths to their ends
 PATHS_APART = 1 << 16  # room for paths of cells, 280 bytes each, where a pass that only traces has their first rays
 DISPATCH = "world_cache_dispatch"  # the workgroup counts of passes over active cells
 FRAME_BUFFERS = (DISPATCH, "world_cache_counters")
@@ -55,9 +56,11 @@ def paths_stage(size: tuple[int, int], settings: Settings, worlds: int = 1, trac
     cells = max(1 << (CELLS_OF_PIXEL * size[0] * size[1] - 1).bit_length(), FEWEST_CELLS)
     brdf: dict[str, Any] = brdf_constants(settings)
     samples = [Pass("world_cache/sample", indirect=DISPATCH, constants=brdf | {"traces_apart": traces_apart})]
-    if traces_apart:
-        samples.append(Pass("world_cache/trace", indirect=DISPATCH))
-        samples.append(Pass("world_cache/arrive", indirect=DISPATCH, constants=brdf))
+    for wave in range(WAVES_APART if traces_apart else 0):
+        samples += [
+            Pass("world_cache/trace", indirect=DISPATCH, constants={"is_first_wave": wave == 0}),
+            Pass("world_cache/arrive", indirect=DISPATCH, constants=brdf | {"is_last_wave": wave == WAVES_APART - 1}),
+        ]
     fewest = FEWEST_CELLS_OF_WORLD * parts(worlds) if worlds > 1 else 0
     cells = max(min(settings.world_cache_cells, cells), fewest)
     made = stage(cells, samples)

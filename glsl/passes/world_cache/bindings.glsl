@@ -49,7 +49,7 @@ layout(set = 1, scalar) buffer WorldCacheSamplesBlock { WorldCacheSample at[]; }
 layout(set = 1, scalar) buffer WorldCacheDispatchBlock { IndirectDispatch size; } world_cache_dispatch;
 
 // The paths of the cells that a frame updates, for passes/world_cache/trace.comp, which only traces. `thread`: the one
-// for which find_cell_to_update returns the cell.
+// for which find_cell_to_update returns the cell; NO_INDEX once the path has ended.
 struct WorldCachePath {
     PathState state;
     PathRays rays;

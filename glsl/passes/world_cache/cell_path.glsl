@@ -16,10 +16,15 @@ bool paths_have_room() {
     return most + 8.0 * sqrt(most) < float(world_cache_paths.at.length());  // the number is random: 8 of its deviations
 }
 
-// Whether there is a path at this index of world_cache_paths. Sets world_index to the world of its cell.
+void store_cell_path(Path path, uint index) {
+    world_cache_paths.at[index].state = pack_path(path);
+    world_cache_paths.at[index].rays = pack_rays(path);
+}
+
+// Whether a path waits at this index of world_cache_paths. Sets world_index to the world of its cell.
 bool find_cell_path(uint index) {
     uint count = min(world_cache_counters.updates, world_cache_paths.at.length());
-    if (!paths_have_room() || index >= count) { return false; }
+    if (!paths_have_room() || index >= count || world_cache_paths.at[index].thread == NO_INDEX) { return false; }
 #ifdef MANY_VIEWS
     world_index = world_cache_worlds.at[world_cache_active_cells.at[world_cache_paths.at[index].thread]];
 #endif

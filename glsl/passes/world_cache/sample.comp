@@ -38,8 +38,7 @@ void main() {
         choose_rays(path);
         if (traces_apart && paths_have_room() && index < world_cache_paths.at.length()) {
             world_cache_paths.at[index].thread = thread;
-            world_cache_paths.at[index].state = pack_path(path);
-            world_cache_paths.at[index].rays = pack_rays(path);
+            store_cell_path(path, index);
             return;
         }
     } while (add_rays(path, trace_rays(path)) && arrive(path, false));
