@@ -19,7 +19,7 @@ MIN_TIMED_SAMPLES = 2  # with frame_ms a pixel may take this many paths, whateve
 SHORT_HISTORY = 8.0  # frames of history from which one path is enough
 STATE_QUADS, RAYS_QUADS, HIT_QUADS = 6, 7, 5
 """Of a path, its rays and what they have hit: four numbers each, as glsl/passes/paths/pack_path.glsl packs them."""
-WAVES_APART = 8  # with traces_apart, that of first rays among them; the last one traces paths to their ends
+WAVES_APART = 6  # with traces_apart, the waves before the last one, that of first rays among them
 WAVES = 3  # dispatches over the paths that go on after their first rays; the last one traces them to their ends
 
 
@@ -101,20 +101,21 @@ def _waves(
     timed = {"max_timed_samples": sample_counts["max_timed_samples"]}
     chooses_pixels = timed["max_timed_samples"] > 0
     constants = shading | sample_counts
-    waves = WAVES_APART if traces_apart else 1 + WAVES
-    for wave in range(waves):
+    waves = max(WAVES_APART, WAVES) if traces_apart else WAVES  # later_rays traces on from LAST_WAVE
+    for wave in range(waves + 1):
         begin = {"pixels_are_chosen": chooses_pixels, "sample_index": sample, "wave_index": wave}
         passes.append(Pass("paths/next_wave", threads=GROUP_SIZE, constants=begin))
         all_pixels = wave == 0 and sample == 0 and not chooses_pixels  # take a first path
         over: dict[str, Any] = {"threads": size} if all_pixels else {"indirect": "paths_wave"}
         if wave == 0:
             passes.append(Pass("paths/first_ray", constants=constants | {"traces_apart": traces_apart}, **over))
-        if traces_apart:
-            passes.append(Pass("paths/trace", constants=timed, **over))
-            last = {"is_last_wave": wave == waves - 1}
-            passes.append(Pass("paths/arrive", constants=constants | last, **over))
-        elif wave > 0:
+        elif wave == waves or not traces_apart:
             passes.append(Pass("paths/later_rays", constants=constants, **over))
+        else:
+            passes.append(Pass("paths/choose", constants=shading | timed, **over))
+        if traces_apart and wave < waves:
+            passes.append(Pass("paths/trace", constants=timed, **over))
+            passes.append(Pass("paths/arrive", constants=constants, **over))
     return passes
 
 

@@ -1,11 +1,8 @@
-// Adds the light that the rays of trace.comp have found, moves each path to the surface that its ray has hit, and chooses
-// the rays that leave it. The last wave traces paths to their ends.
+// Adds the light that the rays of trace.comp have found, and moves each path to the surface that its ray has hit.
 #version 460
 #include "passes/paths/pixel.glsl"
 
 layout(local_size_x = 8, local_size_y = 8) in;
-
-layout(constant_id = is_last_wave_id) const bool is_last_wave = false;
 
 void main() {
     uvec2 pixel;
@@ -13,20 +10,15 @@ void main() {
     if (!find_waiting_path(pixel, index)) { return; }
     Path path = load_path_with_rays(index);
     path.walk.cone_spread = make_camera_ray(vec2(pixel) + 0.5).cone_spread;
-    bool first = path.bounce == 1u;
     TracedRays traced = load_path_hit(index, path.rng);
     bool goes_on = add_rays(path, traced) && arrive(path, false);
-    while (is_last_wave && goes_on) {
-        choose_rays(path);
-        goes_on = add_rays(path, trace_rays(path)) && arrive(path, false);
-    }
     GBufferSurface surface = load_gbuffer(pixel);
     float roughness = surface.material.base.perceptual_roughness;
+    bool first = path.bounce == 1u;
     PerLobe light = first ? first_light(path, index, roughness) : later_light(path, index, roughness);
     add_to_pixel(path, light, surface, index);
-    if (!goes_on) { return; }
-    choose_rays(path);
-    store_path_state(path, index);
-    store_path_rays(path, index);
-    queue_path(index, paths_wave.index + 1u);
+    if (goes_on) {
+        store_path_state(path, index);
+        queue_path(index, paths_wave.index + 1u);
+    }
 }
