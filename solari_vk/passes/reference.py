@@ -95,15 +95,15 @@ def trace_stage(
     waves = min(settings.max_bounces + 1, MAX_WAVES)
     brdf = brdf_constants(settings)
     passes = [Pass(f"reference/{'illuminance' if starts_at_points else 'start'}", threads=thread_rows(paths))]
-    for wave in range(waves):
+    next_wave = Pass("reference/next_wave", threads=1)
+    for _ in range(waves):
         passes += [
-            Pass("reference/next_wave", threads=1, constants={"wave_index": wave}),
+            next_wave,
             Pass("reference/trace_wave", indirect="wave"),
             Pass("reference/shade_wave", indirect="wave", constants=brdf),
         ]
-    passes.append(Pass("reference/next_wave", threads=1, constants={"wave_index": waves}))
     if settings.max_bounces >= MAX_WAVES:
-        passes.append(Pass("reference/finish", indirect="wave", constants=brdf))
+        passes += [next_wave, Pass("reference/finish", indirect="wave", constants=brdf)]
     passes.append(Pass("reference/accumulate", threads=(size[0], rows)))
     if starts_at_points:
         passes = [replace(one, header=INDEPENDENT_SAMPLES) for one in passes]

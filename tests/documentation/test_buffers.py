@@ -73,11 +73,11 @@ def test_missing_barriers_are_noticed(frames, bound_device):
 
 
 def test_the_common_layout_has_what_frames_bind(frames):
-    """All but an attachment, what the path tracer's shader declares, and what frames of many views alone bind."""
+    """All but an attachment, and what frames of many views alone bind."""
     used = {name for _, rows in frames for row in rows for name in (*row.reads, *row.writes)}
     many = {"views", "world_structures", "world_changes", "world_cache_worlds"}
     common = reflect(compile_shader("passes/layout.comp")).bindings
-    assert used - common.keys() == {"raster_depth", "sample_ranges", *many}
+    assert used - common.keys() == {"raster_depth", *many}
 
 
 def test_docstrings_of_stages_name_inputs_and_outputs(accessed):

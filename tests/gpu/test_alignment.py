@@ -51,7 +51,7 @@ def too_small(spirv):
                 yield line.strip()
 
 
-@pytest.mark.parametrize("path", ["scene/deform.comp", "passes/viewer/overlay.vert", "passes/reference/trace.comp"])
+@pytest.mark.parametrize("path", ["scene/deform.comp", "passes/viewer/overlay.vert", "passes/reference/start.comp"])
 def test_accesses_by_address_are_aligned(path):
     assert not list(too_small(compile_shader(path)))
 

@@ -112,7 +112,7 @@ def test_queries_beside_trace_are_refused_too(shaders: ShaderFolder) -> None:
 
 
 def test_flags_of_visibility_rays_are_seen() -> None:
-    path = "passes/reference/trace.comp"
+    path = "passes/reference/trace_wave.comp"
     assert VISIBILITY in traced_flags(compile_shader(path, rays="pipeline"))
     for changed, left in (("gl_RayFlagsSkipClosestHitShaderEXT", 0x8), ("TRACE_ANY_HIT", ANY)):
         with seeded(Bug("scene/trace.glsl", "flags", changed)):

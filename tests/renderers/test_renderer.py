@@ -95,13 +95,16 @@ def test_dispatches_grow_towards_their_time(device, scene, bands, monkeypatch):
         assert renderer._dispatch.samples > 8
 
 
-def test_dispatch_sizes_leave_the_picture_alone(device, scene):
-    """The picture has the same bits with samples one by one, in batches, and in bands of rows."""
+def test_dispatch_sizes_leave_the_picture_alone(device, scene, monkeypatch):
+    """The picture has the same bits with samples one by one, in batches, in bands of rows, and where waves are few, so
+    that one pass traces many paths to their ends."""
     pictures = []
-    for batch, rows in ((1, 21), (7, 21), (3, 8)):
-        with sv.PathTracer(device, scene, (16, 21), seed=3) as renderer:
+    for batch, rows, waves in ((1, 21, 32), (7, 21, 32), (3, 8, 32), (7, 21, 2)):
+        monkeypatch.setattr("solari_vk.passes.reference.MAX_WAVES", waves)
+        with sv.PathTracer(device, scene, (13, 21), seed=3) as renderer:
             choose_dispatches(renderer, rows, batch)
             pictures.append(renderer.render(scene.camera, samples=14)["radiance"])
+            assert ("reference/finish" in renderer._frame.timings) == (waves == 2)
     for other in pictures[1:]:
         np.testing.assert_array_equal(other, pictures[0])
 

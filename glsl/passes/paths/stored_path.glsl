@@ -1,6 +1,6 @@
-// What buffers keep of a path from one pass to the next: quads of four numbers, as passes/paths/pack_path.glsl packs
-// them. A buffer has the first quads of all paths, then their second ones, and so on, so that neighboring threads access
-// whole lines of memory, four numbers at a time.
+// What buffers keep of a path from one pass to the next: quads of four numbers, which passes/paths/pack_path.glsl
+// packs. A buffer has the first quads of all paths, then their second ones, and so on, so that neighboring threads
+// access whole lines of memory, four numbers at a time.
 #ifndef PASSES_PATHS_STORED_PATH_GLSL
 #define PASSES_PATHS_STORED_PATH_GLSL
 

@@ -53,6 +53,7 @@ void main() {
     uint index = thread_index(INVOCATION_INDEX), sample_index;
     uvec2 pixel;
     if (!find_path(index, pixel, sample_index)) { return; }
+    choose_sample(sample_index);
     WaitingPath waiting;
     waiting.rng = next_rng(pixel, sample_index, 0u, 0u);
     Vertex vertex = make_vertex(measured_points.at[pixel_index(pixel, camera.size)], waiting.rng);
@@ -62,5 +63,5 @@ void main() {
     waiting.walks = leave_vertex(path, vertex, waiting.rng);
     waiting.path = path;
     store_path(index, waiting);
-    if (has_rays(waiting)) { queue_path(index, 0u); }
+    if (has_rays(waiting)) { queue_path(index); }
 }

@@ -14,7 +14,7 @@ void main() {
     shade(waiting, segment, pixel, sample_index);
     if (has_rays(waiting)) {
         store_path(index, waiting);
-        queue_path(index, wave.index + 1u);
+        queue_path(index);
     } else {
         store_radiance(index, waiting.path);
     }

@@ -21,11 +21,12 @@ void main() {
     uint index = thread_index(INVOCATION_INDEX), sample_index;
     uvec2 pixel;
     if (!find_path(index, pixel, sample_index)) { return; }
+    choose_sample(sample_index);
     WaitingPath waiting;
     waiting.rng = next_rng(pixel, sample_index, 0u, 0u);
     waiting.path = begin_path();
     waiting.path.walk = start_walk(pixel, waiting.rng);
     waiting.walks = true;
     store_path(index, waiting);
-    queue_path(index, 0u);
+    queue_path(index);
 }

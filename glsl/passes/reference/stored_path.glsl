@@ -1,12 +1,9 @@
-// What a buffer keeps of a path from one pass to the next, as quads of four numbers. All first quads of paths follow each
-// other, then all second ones, and so on: neighboring threads access whole lines of memory, four numbers at a time.
+// What `stored_paths` keeps of a path from one pass to the next.
 #ifndef PASSES_REFERENCE_STORED_PATH_GLSL
 #define PASSES_REFERENCE_STORED_PATH_GLSL
 
-#include "generated/passes/reference.glsl"  // STORED_QUADS: solari_vk/passes/reference.py
 #include "passes/reference/path.glsl"
-
-layout(set = 1, scalar) buffer StoredPathsBlock { uvec4 at[]; } stored_paths;
+#include "passes/reference/quads.glsl"
 
 // A path that waits for its rays to be traced.
 struct WaitingPath {
@@ -16,33 +13,9 @@ struct WaitingPath {
 };
 
 const uint WALKS = 1u << 31, IS_CAMERA_RAY = 1u << 30, DELTA_PATH = 1u << 29;  // of flags; the rest is path.bounce
-// What trace_wave.comp writes; the quads before RADIANCE_QUAD are what shade_wave.comp writes.
-const uint RADIANCE_QUAD = 8u, HIT_QUAD = 9u, PASSED_QUAD = 11u, ALONG_RAY_QUAD = 12u;
-
-uint quad_index(uint path, uint quad) { return quad * (stored_paths.at.length() / STORED_QUADS) + path; }
-
-void store_quad(uint path, uint quad, vec3 values, uint last) {
-    stored_paths.at[quad_index(path, quad)] = uvec4(floatBitsToUint(values), last);
-}
-
-void store_quad(uint path, uint quad, vec3 values, float last) { store_quad(path, quad, values, floatBitsToUint(last)); }
-
-vec3 load_quad(uint path, uint quad, out uint last) {
-    uvec4 values = stored_paths.at[quad_index(path, quad)];
-    last = values.w;
-    return uintBitsToFloat(values.xyz);
-}
-
-vec3 load_quad(uint path, uint quad, out float last) {
-    uint bits;
-    vec3 values = load_quad(path, quad, bits);
-    last = uintBitsToFloat(bits);
-    return values;
-}
+const uint HIT_QUAD = 9u, PASSED_QUAD = 11u, ALONG_RAY_QUAD = 12u;  // which trace_wave.comp writes
 
 void store_radiance(uint index, Path path) { store_quad(index, RADIANCE_QUAD, path.radiance, path.rays); }
-
-vec3 load_radiance(uint index, out uint rays) { return load_quad(index, RADIANCE_QUAD, rays); }
 
 void store_path(uint index, WaitingPath waiting) {
     Path path = waiting.path;

@@ -278,14 +278,14 @@ test_a_seeded_bug_is_noticed = bug_tests(
     {
         "lamps count twice": (
             lambda device: measure_case(device, "5.3 area light over a floor"),
-            Bug("passes/reference/trace.glsl", "mis_pdf", "return INFINITY;"),
+            Bug("passes/reference/path.glsl", "mis_pdf", "return INFINITY;"),
         ),
         "2 % less light": (
             lambda device: measure_case(device, "5.2 bulb over a floor"),
             Bug(
                 "passes/reference/illuminance.comp",
-                "start_path",
-                "bool found = correct(pixel, path, vertex, rng); vertex.brdf = lambert_brdf(vec3(0.98)); return found;",
+                "make_vertex",
+                "Vertex vertex = correct(point, rng); vertex.brdf = lambert_brdf(vec3(0.98)); return vertex;",
             ),
         ),
     }
