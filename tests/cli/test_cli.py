@@ -623,6 +623,8 @@ def test_info_says_what_each_way_to_trace_lacks(monkeypatch, capsys):
     assert "  usable\n  --rays query: lacks VK_KHR_ray_query\n  --rays pipeline: yes\n" in said
     assert "  --rays compute: lacks feature x\n" in said
     assert "  without --rays: by ray pipelines, because the device has no ray queries\n" in said
+    faster = dataclasses.replace(card, missing_rays={**lacks, "compute": []})
+    assert "  without --rays: by compute shaders, because it is the fastest way on cards w" in info_of(faster, 0).out
     monkeypatch.setenv("SOLARI_VK_RAYS", "query")
     assert "  without --rays: none, because SOLARI_VK_RAYS is 'query'\n" in info_of(card, 0).out
     monkeypatch.setenv("SOLARI_VK_RAYS", "pipeline")

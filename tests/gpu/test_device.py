@@ -173,7 +173,7 @@ def test_real_devices_trace_in_the_way_asked_for(any_device: None, monkeypatch: 
         ("query", "discrete gpu", (SOFTWARE,), "pipeline", "the device has no ray queries"),
         ("query", "discrete gpu", (WITHOUT_UNITS,), "compute", "it is the fastest way on cards without units for rays"),
         ("query compute", "discrete gpu", (WITHOUT_UNITS,), "pipeline", "the device has no ray queries"),
-        ("query pipeline", "integrated gpu", (), "compute", "the device has no ray queries and no ray pipelines"),
+        ("query pipeline", "other", (WITHOUT_UNITS,), "compute", "the device has no ray queries and no ray pipelines"),
         ("", "cpu", (), "query", "the device has ray queries"),
         ("", "cpu", (SOFTWARE,), "compute", "it is the fastest way on software devices"),
         ("query pipeline compute", "cpu", (SOFTWARE,), "", "the device has no method of tracing rays"),

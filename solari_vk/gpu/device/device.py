@@ -38,8 +38,9 @@ class Device(WorkQueue):
     staging: treat device memory as not mappable, as on a discrete GPU; by default SOLARI_VK_STAGING=1.
     rays: how shaders trace: "query" (VK_KHR_ray_query), "pipeline" (VK_KHR_ray_tracing_pipeline), "compute" (needs no
     extension: compute shaders build trees of boxes and traverse them), or "auto": the first of these that the device
-    has, but on cards of which no list says whether they have units for rays the faster of "query" and "compute", which
-    is measured once and kept; by default SOLARI_VK_RAYS, else "auto". The attribute `rays` says which.
+    has, but "compute" before "pipeline", and on cards of which no list says whether they have units for rays the faster
+    of "query" and "compute", which is measured once and kept; by default SOLARI_VK_RAYS, else "auto". The attribute
+    `rays` says which.
     on_compile: called with a `Compiling` before each shader and pipeline that is compiled, and at the end of each list;
     by default "stderr": there it is said what takes more than 3 seconds; None: nothing is said. The attribute may be
     assigned at any time. Unless it is None, the first frame's `render` waits while a software device compiles.

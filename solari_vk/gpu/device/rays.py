@@ -19,7 +19,7 @@ DRIVER = "Vulkan 1.3 with scalar block layouts"
 """What a driver must have, for messages."""
 SOFTWARE = "software devices"
 WITHOUT_UNITS = "cards without units for rays"
-FASTER_BY_COMPUTE: frozenset[str] = frozenset()
+FASTER_BY_COMPUTE = frozenset({WITHOUT_UNITS})
 """On which of these kinds of devices compute shaders trace faster than what the driver has."""
 WITH_UNITS = {1: "AMD", 2: "AMD, open source", 4: "NVIDIA", 5: "Intel on Windows", 6: "Intel, Mesa"}
 """The drivers (VkDriverId) that have ray queries on cards with units for rays alone. Others, such as Mesa's for AMD,
@@ -64,7 +64,7 @@ def automatic_method(
     if speeds is not None:
         return speeds.fastest()
     group = _group(usable, kind)
-    if "compute" in usable and group in FASTER_BY_COMPUTE:
+    if usable[0] != "compute" and "compute" in usable and group in FASTER_BY_COMPUTE:
         return "compute", f"it is the fastest way on {group}"
     lacked = [IN_WORDS[rays] for rays in list(RAYS)[: list(RAYS).index(usable[0])]]
     if not lacked:
