@@ -24,8 +24,7 @@ if TYPE_CHECKING:
 
 _DRIVER = (
     f"no device can be used: install a driver with {DRIVER}: that of your graphics card, or Mesa's software device "
-    "of version 24.1 or later (Debian 13: apt-get install mesa-vulkan-drivers; Debian 12: the same with "
-    "-t bookworm-backports; tools/demo does it)"
+    "(Debian: apt-get install mesa-vulkan-drivers; tools/demo does it, on Debian 12 from the faster backports)"
 )
 
 TRIAL_SECONDS = 60.0  # libraries are large, and disks may be slow

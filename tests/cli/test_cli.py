@@ -631,7 +631,7 @@ def test_info_says_what_each_way_to_trace_lacks(monkeypatch, capsys):
     assert "  without --rays: by ray pipelines, because SOLARI_VK_RAYS is 'pipeline'\n" in info_of(card, 0).out
     said = info_of(dataclasses.replace(card, missing=["VK_KHR_ray_query or VK_KHR_ray_tracing_pipeline"]), 3)
     assert "  lacks: VK_KHR_ray_query or VK_KHR_ray_tracing_pipeline\n" in said.out
-    assert "install a driver with Vulkan 1.3 and descriptor indexing: " in said.err
+    assert "install a driver with Vulkan 1.3 and scalar block layouts: " in said.err
 
 
 def test_lists_name_every_setting_and_view(capsys):

@@ -15,7 +15,7 @@ RAYS = {
 OF_METHODS = frozenset(name for names in RAYS.values() for name in names)
 AUTO = "auto"
 IN_WORDS = {"query": "ray queries", "pipeline": "ray pipelines", "compute": "compute shaders"}
-DRIVER = "Vulkan 1.3 with scalar block layouts"
+DRIVER = "Vulkan 1.3 and scalar block layouts"
 """What a driver must have, for messages."""
 SOFTWARE = "software devices"
 WITHOUT_UNITS = "cards without units for rays"

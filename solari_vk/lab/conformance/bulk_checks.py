@@ -110,7 +110,8 @@ def _edge_points(corners: Floats, along: Floats, edges: Sequence[tuple[int, int]
 def measure_many_instances(shaders: ShaderRunner, count: int) -> Iterator[Measurement]:
     """Traces a ray from close by at each of many small, scattered triangles."""
     random = np.random.default_rng(9)
-    count = min(count, int(shaders.device.properties.acceleration.maxInstanceCount))
+    # 0 without acceleration structures.
+    count = min(count, int(shaders.device.properties.acceleration.maxInstanceCount) or count)
     side = int(np.ceil(count ** (1 / 3)))
     places = np.stack(np.unravel_index(np.arange(count), (side, side, side)), 1) * 4.0
     places = places[spatial_order(places)]
