@@ -24,7 +24,7 @@ from solari_vk.gpu.structures import (
     scene_structure,
     traces_by_compute,
 )
-from solari_vk.gpu.trees.tree import FlatTree
+from solari_vk.gpu.trees.tree import FlatTree, SceneBuild
 
 # The bits of custom_index_and_mask above the index. HIDDEN isn't 0, because Mesa 26.2 loses other instances where a
 # mask is 0 (docs/driver_faults.md).
@@ -37,6 +37,8 @@ NO_CULLING = raw.VK_GEOMETRY_INSTANCE_TRIANGLE_FACING_CULL_DISABLE_BIT_KHR << 24
 SLOT_MASK = np.uint32((1 << 24) - 1)
 # The fields that `write` sets, in order.
 RECORD = ("transform", "custom_index_and_mask", "sbt_offset_and_flags", "blas_address")
+# So many updates without a change improve a tree over instances; later ones would gain little.
+IMPROVEMENTS = 24
 # So few written records need no new order.
 FEW_MOVES = 64
 # The center and half the size (3,) of a mesh's bounds, in object space.
@@ -222,6 +224,7 @@ class SceneTlas:
         self._traced = traced
         self._rebuild = True
         self._build: Any = None
+        self._improvements = 0  # steps that the tree of the latest build is still improved by
         self._built_for: tuple[Any, ...] | None = None  # what `_build` writes and reads
         self._copy: Any = None
         self._previous_differs = False
@@ -307,6 +310,10 @@ class SceneTlas:
             self._copy_to_previous()  # before the build overwrites it
         if changed:
             self._submit_build()
+            self._improvements = IMPROVEMENTS
+        elif self._improvements and isinstance(self._build, SceneBuild):
+            self._build.improve()
+            self._improvements -= 1
         # In the first frame without changes both are the same again.
         if changed or self._previous_differs:
             if not keeps:

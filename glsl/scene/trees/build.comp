@@ -18,6 +18,7 @@ const int SEARCH_RADIUS = 12;
 const uint MAX_ROUNDS = 48u;          // in which the nearest are looked for
 const uint UNHITTABLE = 0xFFFFFFFFu;  // Cluster.parent of primitives that no ray can hit
 const uint IS_LEAF = 1u << 31;        // in Cluster.size: all of the subtree becomes one leaf
+const uint IMPROVING_STAGES = 1u << 30;
 const uint SORTING_STAGES = 1u << 31;
 const uint WRITING_STAGE = 0xFFFFFFFFu;
 
@@ -184,6 +185,8 @@ void write_entrance(uint count) {
     MadeNodes(build.nodes).at[0] = entrance;
 }
 
+#include "scene/trees/reinsertion.glsl"
+
 void main() {
     thread = gl_LocalInvocationIndex;
     uvec2 part = work.parts.at[gl_WorkGroupID.x];
@@ -195,6 +198,10 @@ void main() {
     }
     if (work.stage >= SORTING_STAGES) {
         sort_triangles(work.stage - SORTING_STAGES, part.y);
+        return;
+    }
+    if (work.stage >= IMPROVING_STAGES) {
+        improve(work.stage - IMPROVING_STAGES, THREADS * part.y + thread);
         return;
     }
     uint halvings = halvings_of(work.stage), count;

@@ -42,6 +42,10 @@ MAX_GROUPS = 65535  # of one dispatch, on any device
 # left, then of the clusters of 2^STAGE_HALVINGS workgroups one does so in the next stage.
 LEFT_HALVINGS = 6  # a workgroup has a thread for each of these clusters
 STAGE_HALVINGS = 5
+IMPROVING_STAGES = 1 << 30
+IMPROVING_STEPS = 6
+# Trees over more instances aren't improved: reinsertion.glsl counts clusters with 16 bits.
+MAX_IMPROVED = 1 << 15
 SORTING_STAGES = 1 << 31
 SORTING_STEPS = 30  # the stage of this number stands for all of a small tree
 WRITING_STAGE = 0xFFFFFFFF
@@ -272,7 +276,12 @@ class TreeBuilds:
         records["halvings"] = halvings
         records["sorts_first"] = [read.get("sorts_first", 0) for _, read in jobs]
         self._stages = _stages(records["halvings"].astype(np.int64), records["sorts_first"] > 0)
-        parts = np.concatenate([parts for _, parts in self._stages])
+        improved = np.array(
+            [read.get("is_of_instances", 0) * count for (_, read), count in zip(jobs, counts, strict=True)]
+        )
+        improved[improved > MAX_IMPROVED] = 0
+        self._improving = parts_of(np.arange(len(jobs)), -(-2 * improved // GROUP_SIZE))
+        parts = np.concatenate([*(parts for _, parts in self._stages), self._improving])
         for tree in self.trees:
             tree.ensure_memory()
         names = ", ".join(tree.name for tree in self.trees[:3]) + (", ..." if len(jobs) > 3 else "")
@@ -301,6 +310,14 @@ class TreeBuilds:
             pushed = {"stage": stage, "stage_halvings": STAGE_HALVINGS, "left_halvings": LEFT_HALVINGS}
             record_parts(self._device, commands, self._kernel, len(parts), at, builds=self._records.address, **pushed)
             at += parts.nbytes
+
+    def record_improvement(self, commands: raw.CData) -> None:
+        """Record a step that improves the trees over instances, which were built, by reinsertion.glsl."""
+        at = self._parts.address + sum(parts.nbytes for _, parts in self._stages)
+        for step in range(IMPROVING_STEPS):
+            pushed = {"stage": IMPROVING_STAGES + step, "stage_halvings": 0, "left_halvings": 0}
+            builds = self._records.address
+            record_parts(self._device, commands, self._kernel, len(self._improving), at, builds=builds, **pushed)
 
     def mark_built(self) -> None:
         """Note that the builds were submitted."""
@@ -360,7 +377,9 @@ class SceneBuilds:
             flat = 0 if flat_tree is None else flat_tree.address
             jobs.append((tree, {"instances": first, "count": count, "flat_tree": flat, "is_of_instances": 1}))
         self._builds = TreeBuilds(device, jobs)
+        self._device = device
         self._commands = Recorded(device, self._record, "build scene trees")
+        self._improvement: Recorded | None = None
 
     def _record(self, commands: raw.CData) -> None:
         if self._has_slots:
@@ -374,10 +393,17 @@ class SceneBuilds:
         self._commands.submit_with_next()
         self._builds.mark_built()
 
+    def improve(self) -> None:
+        """Have a step that improves the trees run just before the next submission."""
+        if self._improvement is None:
+            self._improvement = Recorded(self._device, self._builds.record_improvement, "improve scene trees")
+        self._improvement.submit_with_next()
+
     def destroy(self) -> None:
         """Free the commands and the scratch when the work submitted so far is done. Safe to call twice."""
-        self._commands.destroy()
-        self._builds.destroy()
+        for owned in (self._commands, self._builds, self._improvement):
+            if owned is not None:
+                owned.destroy()
 
 
 class SceneBuild(SceneBuilds):
