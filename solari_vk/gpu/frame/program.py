@@ -173,6 +173,8 @@ class ProgramBuilder:
             raise SolariError(
                 f"Frame: robust=True needs VK_EXT_pipeline_robustness, which {device.name} lacks: leave it out"
             )
+        if robust and not device.has_descriptor_indexing:
+            raise SolariError(f"Frame: robust=True needs descriptor indexing, which {device.name} lacks: leave it out")
         self._device = device
         self._root = glsl_root
         # Robust access is by descriptors, and without descriptor indexing there are too few.
