@@ -81,7 +81,7 @@ def made_frames(device: Device) -> Iterator[tuple[Frame, Frame]]:
             with sv.Renderer(device, scene, SIZE, sv.Settings(**choice)) as renderer:
                 yield tables, renderer._frame
         # As on GPUs that trace by compute shaders.
-        with patch.object(paths, "traces_apart", return_value=True), sv.Renderer(device, scene, SIZE) as renderer:
+        with patch.object(paths, "apart_bytes", return_value=1 << 27), sv.Renderer(device, scene, SIZE) as renderer:
             yield tables, renderer._frame
         with sv.Batch(device, scene, SIZE, 1, renderer="realtime", outputs=()) as batch:
             yield tables, batch._realtime._frame

@@ -16,18 +16,18 @@ def stages(
     grid: tuple[int, int] = (1, 1),
     worlds: int = 1,
     has_absorption: bool = False,
-    traces_apart: bool = False,
+    apart_bytes: int = 0,
 ) -> list[Stage]:
     """The stages that compute and denoise the light of a frame, in order; the last one adds it up. grid: columns and
     rows of views, which show so many worlds. has_absorption: whether solids in them absorb light.
-    traces_apart: as in `paths.stage`."""
+    apart_bytes: what `paths.apart_bytes` has returned."""
     scratch: Mapping[str, str] = {}
     views = math.prod(grid)
     if settings.lighting == "split":
         light = solari019.stages(size, settings)
     else:
-        cache = world_cache.paths_stage(size, settings, worlds, traces_apart)
-        light = [cache, paths.stage(size, settings, views, traces_apart)]
+        cache = world_cache.paths_stage(size, settings, worlds, apart_bytes)
+        light = [cache, paths.stage(size, settings, views, traces_apart=apart_bytes > 0)]
         scratch = paths.SCRATCH
     return [
         paths.medium_stage(views, has_absorption),

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from solari_vk.gpu.frame.stages import IfUsed, Pass, Stage
 from solari_vk.gpu.shaders.headers import constants
 from solari_vk.passes.rows import GROUP_SIZE
 from solari_vk.settings import Settings
 from solari_vk.settings.layering import brdf_constants
+
+if TYPE_CHECKING:  # shaders are compiled with this module's header on machines without Vulkan
+    from solari_vk.gpu.device.physical import DeviceProperties
 
 Constants = dict[str, Any]  # values of specialization constants, by name
 
@@ -26,7 +29,7 @@ WAVES = 3  # dispatches over the paths that go on after their first rays; the la
 def stage(size: tuple[int, int], settings: Settings, views: int, traces_apart: bool = False) -> Stage:
     """The light of the diffuse and of the specular lobe, demodulated, each with a distance in meters.
 
-    traces_apart: whether a pass that only traces has the rays of each wave; see the function of this name.
+    traces_apart: whether a pass that only traces has the rays of each wave; see `apart_bytes`.
 
     Inputs: `camera_media`, `gbuffer*`, `depth`, `*_table`, `brdf_averages`, `world_cache_*`; the length of the history,
     `denoise_guides` and `denoise_diffuse`; with restir `motion_vectors`, `previous_*`.
@@ -69,13 +72,14 @@ def stage(size: tuple[int, int], settings: Settings, views: int, traces_apart: b
     return Stage("paths", buffers=buffers, passes=passes)
 
 
-def traces_apart(rays: str, kind: str) -> bool:
-    """Whether the rays of paths are traced by a pass that does nothing else. rays: how the device traces. kind: of the
-    device, such as "cpu".
+def apart_bytes(rays: str, device: DeviceProperties) -> int:
+    """If a pass that does nothing else traces the rays of paths: the bytes that a buffer may have; else 0.
 
     A GPU runs the fewer threads at a time the more registers a shader needs, and one that shades needs many.
     """
-    return rays == "compute" and kind != "cpu"
+    if rays != "compute" or device.kind == "cpu":
+        return 0
+    return int(device.limits.maxStorageBufferRange)
 
 
 def medium_stage(views: int, has_absorption: bool) -> Stage:

@@ -18,7 +18,8 @@ FEWEST_CELLS = 1 << 16
 FEWEST_CELLS_OF_WORLD = 1 << 12
 LARGEST_CELL_BYTES = 16  # of a cell in one buffer
 WAVES_APART = 3  # with traces_apart; the last one traces paths to their ends
-PATHS_APART = 1 << 16  # room for paths of cells, 280 bytes each, where a pass that only traces has their first rays
+PATHS_APART = 1 << 16  # room for paths of cells where a pass of its own traces their rays
+PATH_BYTES = 304
 DISPATCH = "world_cache_dispatch"  # the workgroup counts of passes over active cells
 FRAME_BUFFERS = (DISPATCH, "world_cache_counters")
 CELL_BUFFERS = (
@@ -47,16 +48,16 @@ def most_worlds(largest_buffer: int) -> int:
     return 1 << (cells // FEWEST_CELLS_OF_WORLD).bit_length() - 1
 
 
-def paths_stage(size: tuple[int, int], settings: Settings, worlds: int = 1, traces_apart: bool = False) -> Stage:
+def paths_stage(size: tuple[int, int], settings: Settings, worlds: int = 1, apart_bytes: int = 0) -> Stage:
     """The cache with cells that are sampled by paths; fewer cells for small pictures, more for many worlds.
 
-    traces_apart: as in `paths.stage`.
+    apart_bytes: what `paths.apart_bytes` has returned.
     """
     # Paths of a small picture ask for few cells, and passes over the whole map take time with its size.
     cells = max(1 << (CELLS_OF_PIXEL * size[0] * size[1] - 1).bit_length(), FEWEST_CELLS)
     brdf: dict[str, Any] = brdf_constants(settings)
-    samples = [Pass("world_cache/sample", indirect=DISPATCH, constants=brdf | {"traces_apart": traces_apart})]
-    for wave in range(WAVES_APART if traces_apart else 0):
+    samples = [Pass("world_cache/sample", indirect=DISPATCH, constants=brdf | {"traces_apart": apart_bytes > 0})]
+    for wave in range(WAVES_APART if apart_bytes else 0):
         samples += [
             Pass("world_cache/trace", indirect=DISPATCH, constants={"is_first_wave": wave == 0}),
             Pass("world_cache/arrive", indirect=DISPATCH, constants=brdf | {"is_last_wave": wave == WAVES_APART - 1}),
@@ -64,7 +65,8 @@ def paths_stage(size: tuple[int, int], settings: Settings, worlds: int = 1, trac
     fewest = FEWEST_CELLS_OF_WORLD * parts(worlds) if worlds > 1 else 0
     cells = max(min(settings.world_cache_cells, cells), fewest)
     made = stage(cells, samples)
-    paths = {"world_cache_paths": min(cells, PATHS_APART) if traces_apart else 1}
+    room = PATHS_APART if worlds == 1 else max(PATHS_APART, cells // 2)  # worlds have few cells each
+    paths = {"world_cache_paths": max(min(cells, room, apart_bytes // PATH_BYTES), 1)}
     return replace(made, buffers={**made.buffers, **paths})
 
 

@@ -208,12 +208,12 @@ class Renderer(RendererBase):
         picture = tiled(picture, grid)
         # Only ReSTIR of paths asks whether a reused sample was visible in the previous frame.
         self.binder.keep_previous_tlas(self, settings.lighting == "paths" and settings.restir)
-        traces_apart = paths.traces_apart(self.device.rays, self.device.properties.kind)
+        apart = paths.apart_bytes(self.device.rays, self.device.properties)
         # The frame, from top to bottom. Each stage names the files of its shaders, and what goes in and out.
         stages = [
             gbuffer.stage(size, settings, instances, self.gbuffer, bool(LOBES & self.binder.features)),
             guides.stage(size, settings),
-            *lighting.stages(size, settings, grid, self._world_count, ABSORPTION in self.binder.features, traces_apart),
+            *lighting.stages(size, settings, grid, self._world_count, ABSORPTION in self.binder.features, apart),
             taa.stage(picture, size, grid),
             display.show_stage(picture, lighting.debug_view_pass(settings.lighting)),
             gbuffer.last_stage(instances),

@@ -243,7 +243,7 @@ def test_rays_that_are_traced_apart_find_the_same_light(devices, monkeypatch, na
     monkeypatch.setattr(FrameBudget, "choose", lambda self, *limits: 0.7)  # the frame's time would decide
     found = []
     for apart in (False, True):
-        monkeypatch.setattr(paths, "traces_apart", lambda rays, kind, apart=apart: apart)
+        monkeypatch.setattr(paths, "apart_bytes", lambda *_, apart=apart: apart << 27)
         make, change = SCENES[name]
         scene, frames = make(), {}
         with make_renderer(devices[1], scene, SIZE, seed=3, gbuffer="traced", **settings) as renderer:
