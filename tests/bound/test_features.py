@@ -46,7 +46,7 @@ def functions(module) -> set[str]:
     return {named[int(words[2])].partition("(")[0] for words in instructions(module.spirv) if words[0] & 0xFFFF == 54}
 
 
-@pytest.mark.parametrize("path", ["passes/reference/illuminance.comp", "passes/paths/later_rays.comp"])
+@pytest.mark.parametrize("path", ["passes/reference/finish.comp", "passes/paths/later_rays.comp"])
 def test_modules_of_scenes_without_features_have_no_code_of_them(path):
     """Their descriptors too: what only features read, such as an environment's tables, isn't bound."""
     plain, every = modules(path)

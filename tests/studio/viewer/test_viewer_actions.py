@@ -384,11 +384,11 @@ def test_errors_of_shaders_and_file_are_both_reported(open_viewer, shaders, capf
 
 
 def test_a_window_is_resized_while_a_shader_is_broken(shaders, viewer):
-    shader = shaders / "passes" / "reference" / "trace.comp"
+    shader = shaders / "passes" / "reference" / "shade_wave.comp"
     right = shader.read_text()
     shader.write_text(right + "broken")
     viewer.run(frames=2)
-    assert "trace.comp" in viewer.message
+    assert "shade_wave.comp" in viewer.message
     glfw.set_window_size(viewer.window.handle, 100, 50)
     viewer.run(frames=2)
     samples = viewer.pictures.reference.tracer.samples
@@ -396,12 +396,12 @@ def test_a_window_is_resized_while_a_shader_is_broken(shaders, viewer):
     assert viewer.pictures.reference.tracer.samples > samples, "the last good pipelines and size stay in use"
     assert viewer.pictures.size == (96, 64)
     assert viewer.capture().shape == (50, 100, 3)
-    assert "trace.comp" in viewer.message
+    assert "shade_wave.comp" in viewer.message
     viewer.act("pick", (50, 25))
     shader.write_text(right)
     viewer.run(frames=2)
     assert viewer.pictures.size == (100, 50)
-    assert "trace.comp" not in viewer.message
+    assert "shade_wave.comp" not in viewer.message
 
 
 def write_triangle(path, color):
