@@ -16,6 +16,7 @@ from solari_vk.gpu.acceleration.checks import check_kind, whole_number
 from solari_vk.gpu.device.device import Device
 from solari_vk.passes import batch as passes
 from solari_vk.passes import reference, world_cache
+from solari_vk.renderers.path_tracer import PathTracer
 from solari_vk.renderers.renderer import Renderer
 from solari_vk.scene.model import Camera, Scene
 
@@ -122,7 +123,7 @@ def checked_size(device: Device, size: Any, views: int, record_bytes: int, rende
     limits = device.properties.limits
     most = 0
     if width > 0 and height > 0:
-        pixel_bytes = Renderer.LARGEST_PIXEL_BYTES if renderer == "realtime" else reference.LARGEST_PIXEL_BYTES
+        pixel_bytes = (Renderer if renderer == "realtime" else PathTracer).pixel_bytes(device)
         most = limits.maxStorageBufferRange // max(pixel_bytes * width * height, record_bytes)
         # The realtime renderer has all views in one image, a grid whose last row may have places without a view.
         if renderer == "realtime":

@@ -94,7 +94,11 @@ def trace_stage(
     }
     waves = min(settings.max_bounces + 1, MAX_WAVES)
     brdf = brdf_constants(settings)
-    passes = [Pass(f"reference/{'illuminance' if starts_at_points else 'start'}", threads=thread_rows(paths))]
+    start = "illuminance" if starts_at_points else "start"
+    passes = [
+        Pass("reference/next_wave", threads=1, constants={"begins_dispatch": True}),
+        Pass(f"reference/{start}", threads=thread_rows(paths)),
+    ]
     next_wave = Pass("reference/next_wave", threads=1)
     for _ in range(waves):
         passes += [
@@ -115,14 +119,20 @@ def max_paths(kind: str, buffer_bytes: int) -> int:
     return min(MAX_CPU_PATHS if kind == "cpu" else MAX_PATHS, buffer_bytes // (STORED_QUADS * QUAD_BYTES))
 
 
+def max_width(buffer_bytes: int) -> int:
+    """The most pixels of a row, all of which a dispatch takes. buffer_bytes: of the device's largest buffer."""
+    return buffer_bytes // (STORED_QUADS * QUAD_BYTES) // SQUARE * SQUARE
+
+
 def samples_at_once(width: int, rows: int, max_paths: int) -> int:
     """The most samples of each pixel that a dispatch over so many rows takes."""
     return max(min(max_paths // _paths_of_a_sample(width, rows), MAX_SAMPLES), 1)
 
 
 def _paths_of_a_sample(width: int, rows: int) -> int:
-    """The paths of one sample of each pixel, in whole squares of pixels: glsl/passes/reference/waves.glsl."""
-    return math.ceil(width / SQUARE) * math.ceil(rows / SQUARE) * SQUARE**2
+    """The paths of one sample of each pixel, in whole squares of pixels: glsl/passes/reference/path_index.glsl."""
+    height = min(SQUARE, rows)
+    return math.ceil(width / SQUARE) * SQUARE * math.ceil(rows / height) * height
 
 
 def aov_stage(size: tuple[int, int], rows: int, shader: str = "aov", has_motion: bool = False) -> Stage:
@@ -162,8 +172,9 @@ def max_rows(size: tuple[int, int], pixel_ms: float = 0.0, max_paths: int = MAX_
 
     pixel_ms: the milliseconds of a sample of a pixel in another picture, if known; the dispatch then takes DISPATCH_MS.
     """
-    squares = max_paths // _paths_of_a_sample(size[0], SQUARE)  # on top of each other
-    rows = min(rows_of(size, MAX_FIRST_PIXELS), max(squares, 1) * SQUARE)
+    most = max_paths // _paths_of_a_sample(size[0], 1)
+    most = most // SQUARE * SQUARE or most  # whole squares, where there is room for one
+    rows = min(rows_of(size, MAX_FIRST_PIXELS), max(most, 1))
     if pixel_ms == 0.0:
         return rows
     return min(rows, max(int(DISPATCH_MS / (pixel_ms * size[0])), MIN_ROWS))

@@ -8,6 +8,7 @@ from typing import Any
 
 from solari_vk.gpu.frame.stages import IfUsed, Pass, Stage
 from solari_vk.gpu.shaders.headers import constants
+from solari_vk.passes.paths import HIT_QUADS, RAYS_QUADS, STATE_QUADS
 from solari_vk.passes.rows import rows
 from solari_vk.settings import Settings
 from solari_vk.settings.layering import brdf_constants
@@ -19,7 +20,7 @@ FEWEST_CELLS_OF_WORLD = 1 << 12
 LARGEST_CELL_BYTES = 16  # of a cell in one buffer
 WAVES_APART = 3  # with traces_apart; the last one traces paths to their ends
 PATHS_APART = 1 << 16  # room for paths of cells where a pass of its own traces their rays
-PATH_BYTES = 304
+PATH_BYTES = 16 * (STATE_QUADS + RAYS_QUADS + HIT_QUADS + 1)  # glsl/passes/world_cache/bindings.glsl
 DISPATCH = "world_cache_dispatch"  # the workgroup counts of passes over active cells
 FRAME_BUFFERS = (DISPATCH, "world_cache_counters")
 CELL_BUFFERS = (
@@ -65,7 +66,9 @@ def paths_stage(size: tuple[int, int], settings: Settings, worlds: int = 1, apar
     fewest = FEWEST_CELLS_OF_WORLD * parts(worlds) if worlds > 1 else 0
     cells = max(min(settings.world_cache_cells, cells), fewest)
     made = stage(cells, samples)
-    room = PATHS_APART if worlds == 1 else max(PATHS_APART, cells // 2)  # worlds have few cells each
+    # Worlds have few cells each, which are nearly all updated while lights stay: as many as their pixels allow.
+    updates = 1.1 * settings.world_cache_updates_per_pixel * size[0] * size[1] if worlds > 1 else 0
+    room = max(PATHS_APART, int(updates))
     paths = {"world_cache_paths": max(min(cells, room, apart_bytes // PATH_BYTES), 1)}
     return replace(made, buffers={**made.buffers, **paths})
 

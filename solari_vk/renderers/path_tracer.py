@@ -89,6 +89,13 @@ class PathTracer(RendererBase):
             self.close()
             raise
 
+    def _checked_size(self, size: tuple[int, int]) -> tuple[int, int]:
+        width, height = super()._checked_size(size)
+        most = reference.max_width(self.device.properties.limits.maxStorageBufferRange)
+        if width > most:
+            raise SolariError(f"PathTracer: {width}x{height} is wider than {most:,} pixels: render parts of it")
+        return width, height
+
     def _stages(self, size: tuple[int, int]) -> list[Stage]:
         return [reference.trace_stage(size, self._dispatch.rows, self._dispatch.max_paths, self.settings)]
 

@@ -75,7 +75,7 @@ class Renderer(RendererBase):
         *(f"guides_{name}" for name in guides.IMAGES),
         "display",
     )
-    LARGEST_PIXEL_BYTES = 64
+    LARGEST_PIXEL_BYTES, APART_PIXEL_BYTES = 96, 112  # `paths_states`, `paths_rays`
     IN_IMAGES = True
     _grid = (1, 1)  # columns and rows of views in the frame's pictures
     _world_count = 1  # worlds that the views show

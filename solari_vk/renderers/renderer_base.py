@@ -20,7 +20,7 @@ from solari_vk.gpu.frame.frame import Frame, Row, Stage
 from solari_vk.gpu.tensors.exports import CudaTensor
 from solari_vk.output.tone_mapping import auto_exposure
 from solari_vk.output.transparency import backdrop, premultiplied
-from solari_vk.passes import brdf_table
+from solari_vk.passes import brdf_table, paths
 from solari_vk.renderers.back_sides import BackSides
 from solari_vk.renderers.first_hit_reader import FirstHitReader
 from solari_vk.renderers.results import RenderedFrame
@@ -52,6 +52,7 @@ class RendererBase(Hints):
     """The names of all results that frames may have."""
     TAKES_LISTS: ClassVar[bool] = False  # whether it renders a SceneBinder of a list of scenes
     LARGEST_PIXEL_BYTES: ClassVar[int]  # the largest size of a pixel in any one buffer
+    APART_PIXEL_BYTES: ClassVar[int] = 0  # the same where the rays of paths are traced apart, if that is more
     IN_IMAGES: ClassVar[bool]  # whether results are in images, whose sides the device limits
     view: str = "picture"
     tonemap: str = "agx"
@@ -326,6 +327,12 @@ class RendererBase(Hints):
             self._size = size
             raise
 
+    @classmethod
+    def pixel_bytes(cls, device: Device) -> int:
+        """The largest size of a pixel in any one buffer."""
+        apart = paths.apart_bytes(device.rays, device.properties) > 0
+        return max(cls.LARGEST_PIXEL_BYTES, cls.APART_PIXEL_BYTES if apart else 0)
+
     def _checked_size(self, size: tuple[int, int]) -> tuple[int, int]:
         what = type(self).__name__
         try:
@@ -334,7 +341,7 @@ class RendererBase(Hints):
             raise SolariError(f"{what}: size must be two whole numbers (width, height), not {quoted(size)}") from None
         # A size is refused here, in words, since an allocation would fail much later.
         limits = self.device.properties.limits
-        max_pixels = limits.maxStorageBufferRange // self.LARGEST_PIXEL_BYTES
+        max_pixels = limits.maxStorageBufferRange // self.pixel_bytes(self.device)
         max_side = limits.maxImageDimension2D if self.IN_IMAGES else max_pixels
         if not (0 < width <= max_side and 0 < height <= max_side and width * height <= max_pixels):
             sides = f"{max_side} pixels a side and " if self.IN_IMAGES else ""

@@ -7,6 +7,7 @@ import pytest
 from support.frames import choose_dispatches, leaves_nothing
 
 import solari_vk as sv
+from solari_vk.gpu.frame.in_parts import Interrupted
 from solari_vk.passes import rows as threads_of
 
 
@@ -99,7 +100,7 @@ def test_dispatch_sizes_leave_the_picture_alone(device, scene, monkeypatch):
     """The picture has the same bits with samples one by one, in batches, in bands of rows, and where waves are few, so
     that one pass traces many paths to their ends."""
     pictures = []
-    for batch, rows, waves in ((1, 21, 32), (7, 21, 32), (3, 8, 32), (7, 21, 2)):
+    for batch, rows, waves in ((1, 21, 32), (7, 21, 32), (3, 8, 32), (2, 3, 32), (7, 21, 2)):
         monkeypatch.setattr("solari_vk.passes.reference.MAX_WAVES", waves)
         with sv.PathTracer(device, scene, (13, 21), seed=3) as renderer:
             choose_dispatches(renderer, rows, batch)
@@ -107,6 +108,35 @@ def test_dispatch_sizes_leave_the_picture_alone(device, scene, monkeypatch):
             assert ("reference/finish" in renderer._frame.timings) == (waves == 2)
     for other in pictures[1:]:
         np.testing.assert_array_equal(other, pictures[0])
+
+
+@pytest.mark.parametrize("made", [sv.PathTracer, sv.Renderer])
+def test_the_largest_sizes_are_said_in_words(device, scene, made):
+    """Before anything is compiled."""
+    most = device.properties.limits.maxStorageBufferRange // made.pixel_bytes(device) + 8
+    with pytest.raises(sv.SolariError, match=r"what this device holds|is wider than"):
+        made(device, scene, (most, 1))
+    width = 1 << (most.bit_length() // 2)
+    with pytest.raises(sv.SolariError, match="what this device holds"):
+        made(device, scene, (width, most // width + 8))
+
+
+def test_interrupted_dispatches_leave_no_paths(device, scene):
+    """Whatever pass a frame ends after, the next picture has each path once."""
+    options = {"size": (13, 9), "max_bounces": 3, "seed": 3}
+    with sv.PathTracer(device, scene, **options) as fresh:
+        expected, rays = fresh.render(scene.camera, samples=4)["radiance"], fresh.rays
+    with sv.PathTracer(device, scene, **options) as renderer:
+        passes = sum(len(stage.passes) for stage in renderer._stages(renderer.size))
+        for stop in range(1, passes):
+            calls = iter(range(1, passes + 1))
+            renderer.between = lambda calls=calls, stop=stop: next(calls) == stop
+            with pytest.raises(Interrupted):
+                renderer.advance(scene.camera, max_samples=1)
+            renderer.between = None
+            renderer.reset()
+            np.testing.assert_array_equal(renderer.render(scene.camera, samples=4)["radiance"], expected)
+            assert renderer.rays == rays
 
 
 def test_short_dispatches_for_slow_pictures(device, scene, monkeypatch):

@@ -10,7 +10,7 @@
 
 // ---- what buffers keep of the path of each pixel, by the pixel's index ---------------------------------
 
-uint path_count() { return paths_states.quads.length() / STATE_QUADS; }
+uint path_count() { return view_count() * camera.size.x * camera.size.y; }
 
 void store_path_state(Path path, uint index) {
     PathState state = pack_path(path);

@@ -18,35 +18,38 @@ uvec2 sample_range(uvec2 pixel) {
 #endif
 }
 
-// The squares of 8 by 8 pixels that the rows of this dispatch have in x and y. Paths of a square follow each other,
-// since nearby rays meet the same nodes.
+// Paths of a square of 8 by 8 pixels follow each other, since nearby rays meet the same nodes. Squares are lower where
+// a dispatch has fewer rows.
+uvec2 square_size() { return uvec2(SQUARE, min(SQUARE, path_sampling.row_count)); }
+
+// The squares that the rows of this dispatch have in x and y.
 uvec2 square_counts() {
 #ifdef MANY_VIEWS
     uint width = views.columns * camera.size.x;
 #else
     uint width = camera.size.x;
 #endif
-    return (uvec2(width, path_sampling.row_count) + SQUARE - 1u) / SQUARE;
+    return (uvec2(width, path_sampling.row_count) + square_size() - 1u) / square_size();
 }
 
-const uint SQUARE_PATHS = SQUARE * SQUARE;
+uint paths_per_square() { return square_size().x * square_size().y; }
 
 uint paths_per_sample() {
     uvec2 squares = square_counts();
-    return squares.x * squares.y * SQUARE_PATHS;
+    return squares.x * squares.y * paths_per_square();
 }
 
 // The path of the first sample of a pixel, which is counted from the first row of this dispatch.
 uint first_path(uvec2 pixel) {
-    uvec2 square = pixel / SQUARE, within = pixel % SQUARE;
-    return (square.y * square_counts().x + square.x) * SQUARE_PATHS + within.y * SQUARE + within.x;
+    uvec2 square = pixel / square_size(), within = pixel % square_size();
+    return (square.y * square_counts().x + square.x) * paths_per_square() + within.y * SQUARE + within.x;
 }
 
 // The pixel and the sample of a path. Returns false where there is none.
 bool find_path(uint path, out uvec2 pixel, out uint sample_index) {
-    uint square = path % paths_per_sample() / SQUARE_PATHS, within = path % SQUARE_PATHS;
+    uint square = path % paths_per_sample() / paths_per_square(), within = path % paths_per_square();
     uint columns = square_counts().x;
-    pixel = SQUARE * uvec2(square % columns, square / columns) + uvec2(within % SQUARE, within / SQUARE);
+    pixel = square_size() * uvec2(square % columns, square / columns) + uvec2(within % SQUARE, within / SQUARE);
     bool in_rows = pixel.y < path_sampling.row_count;
     pixel.y += path_sampling.first_row;
     uint index;

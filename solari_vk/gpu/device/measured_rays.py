@@ -70,9 +70,9 @@ def _measure(uuid: str) -> RaySpeeds:
     day = time.strftime("%Y-%m-%d")
     # -P: no module of the current folder takes the place of another.
     command = [sys.executable, "-P", "-m", "solari_vk.gpu.ray_speed", uuid]
-    path = os.pathsep.join(folder or os.getcwd() for folder in sys.path)
     how: Any = {"stdin": subprocess.DEVNULL, "capture_output": True, "text": True, "timeout": LONGEST}
     try:
+        path = os.pathsep.join(folder or os.getcwd() for folder in sys.path)
         done = subprocess.run(command, check=False, env={**os.environ, "PYTHONPATH": path}, **how)
         if not done.returncode:
             return _speeds({"day": day, **json.loads(done.stdout)})

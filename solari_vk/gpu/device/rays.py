@@ -38,7 +38,8 @@ class RaySpeeds:
     def fastest(self) -> tuple[str, str]:
         """The method to take, and why."""
         if self.failure:
-            return "query", f"measuring how fast it traces failed on {self.day}: {self.failure}"
+            remedy = "to measure again delete *.rays in the cache"
+            return "query", f"measuring how fast it traces failed on {self.day}: {self.failure}; {remedy}"
         fast, slow = ("compute", "query") if self.compute > self.query else ("query", "compute")
         speed, other = getattr(self, fast), getattr(self, slow)
         figures = f"{speed:,.1f} million rays a second, {IN_WORDS[slow]} {other:,.1f}"

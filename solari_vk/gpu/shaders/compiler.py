@@ -167,8 +167,8 @@ def _with_source_lines(log: str, filepath: str, source: bytes, generated: Mappin
 
 # A shader with an empty main is compiled for the reflection of its declarations, so they all stay.
 _EMPTY_MAIN = re.compile(r"\bvoid\s+main\s*\(\s*\)\s*\{\s*\}")
-# The shaders of which a driver makes slower code without shaderc's optimizer: by 12 to 23 % on NVIDIA's H100. It takes
-# up to ten seconds a module; other shaders are as fast without it.
+# The shaders that shaderc optimizes, which takes up to ten seconds a module: other shaders are as fast without it. The
+# path tracer's shader was slower without it by 12 to 23 % on NVIDIA's H100, when one shader traced and shaded.
 _OPTIMIZED = ("passes/reference/shade_wave.comp",)
 COMMON_FEATURES = {"SCENE_LIGHT_TREE", "SCENE_SMOOTH_NORMALS"}
 """The constants of features that many scenes have: modules for scenes without features have them too."""
