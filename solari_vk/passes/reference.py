@@ -33,7 +33,7 @@ MAX_PATHS = 1 << 20  # of a dispatch; a GPU runs some 200,000 threads at once
 MAX_CPU_PATHS = 1 << 16
 MAX_WAVES = 32  # before the paths that are left are traced to their ends by one pass
 STORED_QUADS = 13  # of four numbers, of each path
-QUAD_BYTES = 16
+STORED_BYTES = 16 * STORED_QUADS
 INDEPENDENT_SAMPLES = "#define INDEPENDENT_SAMPLES"  # the header of shaders without low-discrepancy sequences
 LIGHT_STRATEGIES = ("mis", "nee", "brdf")
 """mis: multiple importance sampling of light samples and BRDF samples. nee: next event estimation, light samples alone.
@@ -116,12 +116,12 @@ def trace_stage(
 
 def max_paths(kind: str, buffer_bytes: int) -> int:
     """How many paths are traced at a time. kind: of the device, such as "cpu". buffer_bytes: of its largest buffer."""
-    return min(MAX_CPU_PATHS if kind == "cpu" else MAX_PATHS, buffer_bytes // (STORED_QUADS * QUAD_BYTES))
+    return min(MAX_CPU_PATHS if kind == "cpu" else MAX_PATHS, buffer_bytes // STORED_BYTES)
 
 
 def max_width(buffer_bytes: int) -> int:
     """The most pixels of a row, all of which a dispatch takes. buffer_bytes: of the device's largest buffer."""
-    return buffer_bytes // (STORED_QUADS * QUAD_BYTES) // SQUARE * SQUARE
+    return buffer_bytes // STORED_BYTES // SQUARE * SQUARE
 
 
 def samples_at_once(width: int, rows: int, max_paths: int) -> int:

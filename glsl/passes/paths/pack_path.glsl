@@ -5,6 +5,7 @@
 #include "common/packing.glsl"
 #include "passes/paths/path.glsl"
 
+// Flags: bounce | delta_bounces << 8 | wavelength << 16 | IS_DIFFUSE | SPECULAR_ONLY.
 const uint SPECULAR_ONLY = 0x80000000u;
 const uint IS_DIFFUSE = 0x40000000u;  // while bounce is 1 first_ray_is_diffuse, later diffuse_at_x2
 const uint NO_PATH_STATE = 0u;        // flags where no path waits
@@ -58,7 +59,7 @@ PathRays pack_rays(Path path) {
     ShadowRay shadow_ray = path.shadow_ray;
     LightSample light = path.light_sample;
     PathRays rays;
-    rays.quads[0] = quad(path.walk.origin, uint(path.has_ray));
+    rays.quads[0] = quad(path.walk.origin, uint(path.has_ray));  // 0: only the shadow ray is traced, and the path ends
     rays.quads[1] = quad(path.receiver.position, path.walk.mis_pdf);
     rays.quads[2] = quad(path.receiver.normal, path.walk.wavelength);
     rays.quads[3] = quad(shadow_ray.origin, shadow_ray.t_max);
