@@ -14,7 +14,6 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from solari_vk.bound.spatial_order import spatial_order
 from solari_vk.gpu.acceleration.geometry import TriangleGeometry
 from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.trees.tree import TAG_DTYPE, FlatTree, build_meshes
@@ -126,8 +125,7 @@ class FlatInstances:
         tree = None
         if rows:
             corners, tags = self._triangles(rows, orders)
-            order = spatial_order(corners.min(axis=1), corners.max(axis=1))
-            tree = self._build(corners[order], tags[order], len(rows))
+            tree = self._build(corners, tags, len(rows))
         self.tree = tree
         self._slots = {row: slot for slot, row in enumerate(rows)}
         self._seen = sum(self._placed[row].triangle_count for row in self._suitable)

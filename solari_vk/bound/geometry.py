@@ -19,7 +19,7 @@ from solari_vk.bound.mesh_structures import MeshStructures
 from solari_vk.bound.mesh_tensors import MeshTensors
 from solari_vk.bound.posed_mesh import PosedMesh
 from solari_vk.bound.scene_poses import ScenePoses
-from solari_vk.bound.spatial_order import spatial_order
+from solari_vk.bound.spatial_order import memory_order
 from solari_vk.bound.table import RowAllocator, Table, content_of
 from solari_vk.gpu.acceleration.geometry import TriangleGeometry
 from solari_vk.gpu.device.buffer import Buffer
@@ -277,7 +277,7 @@ class Geometry:
     def _upload_new(self, mesh: Mesh, content: Hashable, uploads: Uploads, revision: int) -> None:
         """Upload a mesh as one buffer: positions, triangles in spatial order, and other attributes if there are any."""
         corners = mesh.positions[mesh.triangles]
-        order = spatial_order(corners.min(axis=1), corners.max(axis=1))
+        order = memory_order(self._device.properties.kind, corners.min(axis=1), corners.max(axis=1))
         self.orders[mesh] = order
         low, high = _bounds(corners)
         self._set_bounds(mesh, low, high)

@@ -53,7 +53,7 @@ class SceneRecords:
         self.origin = origin
         self._origin: list[float] = origin.tolist()
         self.lights = lights  # as of the latest `write`
-        self.traced = TracedRecords(table)
+        self.traced = TracedRecords(table, device.properties.kind)
         self.instance_table = table("instances", assets.block_dtypes["instances"], INSTANCE)
         self.instance_rows: RowAllocator[Instance] = RowAllocator()  # of instance_table
         self.emissions = Emissions(device, assets.block_dtypes["light_leaves"]["by_power"])

@@ -3,7 +3,8 @@
 Lavapipe (Mesa 25.0) builds its trees over primitives and instances in the given order and halves the list at each
 level, the larger half first. With a random order, rays are a hundred times slower than with this one, which chooses
 each halving by the surface area heuristic (MacDonald and Booth, "Heuristics for ray tracing using space subdivision",
-1990). Other drivers sort primitives themselves, but gain coherent memory accesses.
+1990). Other drivers, and the trees of solari_vk/gpu/trees, sort primitives themselves and only gain coherent memory
+accesses, for which a Z-order curve does as well in a twentieth of the time.
 """
 
 from __future__ import annotations
@@ -16,6 +17,8 @@ from numpy.typing import NDArray
 Indices = NDArray[np.int64]
 # Numpy reduces rows of fewer numbers faster column by column.
 SHORT = 16
+# Of each coordinate of a Z-order curve. Three of them fill 63 bits.
+CURVE_BITS = 21
 # Of a list's longest extent: by how much boxes are thicker where areas are compared, so that no area is 0.
 THIN = 1e-3
 
@@ -35,6 +38,37 @@ def spatial_order(low: NDArray[np.floating], high: NDArray[np.floating] | None =
                 _split(boxes, order, starts[sizes == size], int(size))
         starts, sizes = halved(starts, sizes)
     return order
+
+
+def memory_order(kind: str, low: NDArray[np.floating], high: NDArray[np.floating]) -> Indices:
+    """The permutation (N) in which a device of a kind such as "cpu" gets boxes from `low` to `high`, both (N, 3)."""
+    return spatial_order(low, high) if kind == "cpu" else z_order(low, high)
+
+
+def z_order(low: NDArray[np.floating], high: NDArray[np.floating]) -> Indices:
+    """A permutation (N) that sorts boxes from `low` to `high`, both (N, 3), by where on a Z-order curve their centers
+    are: Morton, "A computer oriented geodetic data base and a new technique in file sequencing" (1966)."""
+    if len(low) == 0:
+        return np.arange(0)
+    with np.errstate(invalid="ignore"):
+        centers = low.astype(np.float64) + high
+    centers = np.nan_to_num(centers, posinf=0.0, neginf=0.0)  # boxes that aren't finite may be anywhere
+    centers -= centers.min(axis=0)
+    cells = centers / (centers.max() or 1.0) * ((1 << CURVE_BITS) - 1)
+    x, y, z = (_two_zeros_after_each_bit(column) for column in cells.T.astype(np.uint64))
+    return np.argsort(x | y << np.uint64(1) | z << np.uint64(2), kind="stable")
+
+
+def _two_zeros_after_each_bit(numbers: NDArray[np.uint64]) -> NDArray[np.uint64]:
+    for shift, mask in (
+        (32, 0x001F00000000FFFF),
+        (16, 0x001F0000FF0000FF),
+        (8, 0x100F00F00F00F00F),
+        (4, 0x10C30C30C30C30C3),
+        (2, 0x1249249249249249),
+    ):
+        numbers = (numbers | numbers << np.uint64(shift)) & np.uint64(mask)
+    return numbers
 
 
 def runs(count: int, largest: int) -> tuple[Indices, Indices, int]:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from solari_vk.bound.constants import BLENDED_MASK, SCENE_MASK
 from solari_vk.bound.flat_instances import FlatInstances, Placed
-from solari_vk.bound.spatial_order import spatial_order
+from solari_vk.bound.spatial_order import memory_order
 from solari_vk.bound.table import MakeTable
 from solari_vk.gpu.acceleration.tlas import INSTANCE_DTYPE
 from solari_vk.gpu.device import raw
@@ -64,9 +64,10 @@ class TracedRecords:
     last sorting than half their number, and more than FEW_MOVES times. An instance that moves twice counts twice.
     """
 
-    def __init__(self, table: MakeTable) -> None:
+    def __init__(self, table: MakeTable, device_kind: str) -> None:
         self.table = table("tlas_instances", INSTANCE_DTYPE, RECORD)
         self.count = 0
+        self._device_kind = device_kind
         self.flat: FlatInstances | None = None
         """Which of the instances are in one tree, where rays are traced by compute."""
         self._indices: dict[int, int] = {}  # index of the record of each row
@@ -157,7 +158,7 @@ class TracedRecords:
         rows = np.sort(self._rows())
         if len(rows):
             centers, half_sizes = self._boxes(rows)
-            rows = rows[spatial_order(centers - half_sizes, centers + half_sizes)]
+            rows = rows[memory_order(self._device_kind, centers - half_sizes, centers + half_sizes)]
         self.count = self._end = len(rows)
         self.table.records[: self.count] = self.table.records[[self._indices[row] for row in rows.tolist()]]
         self.table.mark(range(self.count))

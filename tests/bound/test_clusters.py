@@ -9,7 +9,7 @@ import solari_vk as sv
 from solari_vk.bound.constants import NO_INDEX
 from solari_vk.bound.lights import clusters
 from solari_vk.bound.lights.clusters import LARGEST, Clusters
-from solari_vk.bound.spatial_order import runs, spatial_order
+from solari_vk.bound.spatial_order import memory_order, runs, spatial_order, z_order
 from solari_vk.scene import shapes
 from solari_vk.scene.builtin import lamp
 from solari_vk.scene.matrices import transform_points
@@ -195,6 +195,20 @@ def test_neighbors_stay_together():
     ideal = (16 / len(points)) ** (1 / 3)  # the side of a cube that holds sixteen points on average
     runs = points[spatial_order(points)].reshape(-1, 16, 3)
     assert np.ptp(runs, axis=1).max(axis=1).mean() < 2 * ideal
+
+
+def test_graphics_cards_get_boxes_along_a_z_order_curve():
+    """Sorting ten million triangles by halves would take most of a minute, of which only software devices gain."""
+    x, y, z = np.mgrid[:8, :8, :8].reshape(3, -1).astype(np.float32)
+    low = np.stack([x, y, z], axis=1)
+    places = [
+        sum((int(corner[axis]) >> bit & 1) << 3 * bit + axis for axis in range(3) for bit in range(3)) for corner in low
+    ]
+    np.testing.assert_array_equal(memory_order("discrete gpu", low, low + 1), np.argsort(places))
+    np.testing.assert_array_equal(memory_order("cpu", low, low + 1), spatial_order(low, low + 1))
+    low[7] = np.nan, np.inf, -np.inf
+    for points in (low, np.zeros((50, 3)), np.full((3, 3), -1e38), np.zeros((0, 3))):
+        np.testing.assert_array_equal(np.sort(z_order(points, points)), np.arange(len(points)))
 
 
 def test_boxes_are_halved_where_the_halves_are_small():

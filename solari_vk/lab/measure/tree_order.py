@@ -67,10 +67,14 @@ def _as_given(low: NDArray[Any], high: NDArray[Any] | None = None) -> NDArray[np
 @contextmanager
 def _handed(order: Order = spatial_order, **options: Any) -> Iterator[None]:
     """Binders that are updated in this context give the builder this order and these options."""
+
+    def ordered(_kind: str, low: NDArray[Any], high: NDArray[Any]) -> NDArray[np.int64]:
+        return order(low, high)
+
     with (
         # Both places where the binder orders what the driver's builder gets.
-        mock.patch.object(geometry, "spatial_order", order),
-        mock.patch.object(traced_instances, "spatial_order", order),
+        mock.patch.object(geometry, "memory_order", ordered),
+        mock.patch.object(traced_instances, "memory_order", ordered),
         mock.patch.object(structures, "Blas", partial(Blas, **options)),
     ):
         yield
