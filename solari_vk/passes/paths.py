@@ -23,6 +23,7 @@ SHORT_HISTORY = 8.0  # frames of history from which one path is enough
 STATE_QUADS, RAYS_QUADS, HIT_QUADS = 6, 7, 5
 """Of a path, its rays and what they have hit: four numbers each, as glsl/passes/paths/pack_path.glsl packs them."""
 WAVES_APART = 6  # with traces_apart, the waves before the last one, that of first rays among them
+FEW_PATHS = 1 << 14  # fewer don't go through waves that are traced apart
 WAVES = 3  # dispatches over the paths that go on after their first rays; the last one traces them to their ends
 
 
@@ -108,6 +109,7 @@ def _waves(
     waves = max(WAVES_APART, WAVES) if traces_apart else WAVES  # later_rays traces on from LAST_WAVE
     for wave in range(waves + 1):
         begin = {"pixels_are_chosen": chooses_pixels, "sample_index": sample, "wave_index": wave}
+        begin |= {"few_paths": FEW_PATHS if traces_apart and 0 < wave < waves else 0, "is_last_wave": wave == waves}
         passes.append(Pass("paths/next_wave", threads=GROUP_SIZE, constants=begin))
         all_pixels = wave == 0 and sample == 0 and not chooses_pixels  # take a first path
         over: dict[str, Any] = {"threads": size} if all_pixels else {"indirect": "paths_wave"}
@@ -129,6 +131,6 @@ def most_timed_samples(short_history_samples: int) -> int:
 
 
 def glsl_header() -> str:
-    """The index of the last wave, frames of history from which one path is enough, and the numbers of quads."""
+    """The least index of the last wave, frames of history from which one path is enough, and the numbers of quads."""
     quads = {"STATE_QUADS": STATE_QUADS, "RAYS_QUADS": RAYS_QUADS, "HIT_QUADS": HIT_QUADS}
     return constants(LAST_WAVE=WAVES, SHORT_HISTORY=SHORT_HISTORY, **quads)

@@ -3,6 +3,7 @@
 // samples those of pixels with a short history. Without frame_ms those of sample 0 are a direct dispatch over all
 // pixels.
 #version 460
+#include "generated/passes/paths.glsl"  // LAST_WAVE, written by solari_vk/passes/paths.py
 #include "passes/views.glsl"
 #include "passes/paths/bindings.glsl"  // and passes/rows.glsl: make_indirect_squares
 
@@ -11,12 +12,28 @@ layout(local_size_x = GROUP_SIZE) in;
 layout(constant_id = wave_index_id) const uint wave_index = 0u;
 layout(constant_id = sample_index_id) const uint sample_index = 0u;
 layout(constant_id = pixels_are_chosen_id) const bool pixels_are_chosen = false;
+// Fewer paths than this wait for the last wave, which traces them to their ends. A wave of few paths takes as long as
+// its longest ray, and all waves of few together longer than the longest path.
+layout(constant_id = few_paths_id) const uint few_paths = 0u;
+layout(constant_id = is_last_wave_id) const bool is_last_wave = false;
 
 shared uint most;
+
+uint longest_queue() {
+    for (uint view = gl_LocalInvocationIndex; view < view_count(); view += GROUP_SIZE) {
+        atomicMax(most, paths_queues.at[view].queued);
+    }
+    barrier();
+    return most;
+}
 
 void main() {
     if (gl_LocalInvocationIndex == 0u) { most = 0u; }
     barrier();
+    if (few_paths > 0u && longest_queue() * view_count() < few_paths) {
+        if (gl_LocalInvocationIndex == 0u) { paths_wave.dispatch = make_indirect_squares(0u, 0u); }
+        return;
+    }
     for (uint view = gl_LocalInvocationIndex; view < view_count(); view += GROUP_SIZE) {
         PathQueue queue = paths_queues.at[view];
         queue.count = queue.queued;
@@ -31,6 +48,8 @@ void main() {
     barrier();
     if (gl_LocalInvocationIndex != 0u) { return; }
     paths_wave.sample_index = sample_index;
-    paths_wave.index = wave_index;
+    uint index = wave_index == 0u ? 0u : paths_wave.index + 1u;
+    // Of the two indices from LAST_WAVE on, the one that has the queue in which the paths wait.
+    paths_wave.index = is_last_wave ? LAST_WAVE + (LAST_WAVE + index) % 2u : index;
     paths_wave.dispatch = make_indirect_squares(most, view_count());
 }

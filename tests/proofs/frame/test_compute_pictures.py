@@ -242,8 +242,10 @@ def test_rays_that_are_traced_apart_find_the_same_light(devices, monkeypatch, na
     monkeypatch.setattr(paths, "WAVES_APART", paths.WAVES)  # wavelengths are rounded between waves
     monkeypatch.setattr(FrameBudget, "choose", lambda self, *limits: 0.7)  # the frame's time would decide
     found = []
-    for apart in (False, True):
+    # Whole; in waves to the end; and from the third wave on by the last one, as few paths go.
+    for apart, few in ((False, 0), (True, 0), (True, 90)):
         monkeypatch.setattr(paths, "apart_bytes", lambda *_, apart=apart: apart << 27)
+        monkeypatch.setattr(paths, "FEW_PATHS", few)
         make, change = SCENES[name]
         scene, frames = make(), {}
         with make_renderer(devices[1], scene, SIZE, seed=3, gbuffer="traced", **settings) as renderer:
@@ -254,7 +256,8 @@ def test_rays_that_are_traced_apart_find_the_same_light(devices, monkeypatch, na
                 shown = snapshot(renderer.render(scene.camera))
                 frames |= {f"{output} {frame}": array for output, array in shown.items()}
         found.append(frames)
-    check_near(*found)
+    check_near(found[0], found[1])
+    check_near(found[0], found[2])
 
 
 def check_near(expected, found):
