@@ -69,6 +69,8 @@ if TYPE_CHECKING:
     from solari_vk.output.movie import save_video as save_video
     from solari_vk.output.picture import check_output as check_output
     from solari_vk.output.picture import save_image as save_image
+    from solari_vk.output.sequences.denoise import Denoised as Denoised
+    from solari_vk.output.sequences.denoise import denoise as denoise
     from solari_vk.output.shards import save_shards as save_shards
     from solari_vk.output.tone_mapping import auto_exposure as auto_exposure
     from solari_vk.output.tone_mapping import encode_picture as encode_picture

@@ -36,6 +36,12 @@ COMMANDS = (
         "data.cli.jobs:DatasetJob",
     ),
     Command(
+        "denoise",
+        "denoise the frames of an animation that any renderer made",
+        "cli.denoise:run",
+        "cli.denoise:DenoiseJob",
+    ),
+    Command(
         "compare",
         "how far two pictures are apart: relMSE, means, FLIP",
         "cli.without_device:compare",

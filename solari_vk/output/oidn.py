@@ -37,12 +37,13 @@ def _library() -> Any:
 
 
 def denoise(
-    radiance: NDArray[Any], albedo: NDArray[Any], normal: NDArray[Any], *, clean: bool = True
+    radiance: NDArray[Any], albedo: NDArray[Any] | None, normal: NDArray[Any] | None, *, clean: bool = True
 ) -> NDArray[np.float32]:
     """Radiance (height, width, 3) without noise, on the processor.
 
-    albedo and normal: those of the visible surfaces, (height, width, 3) each. clean: whether they are averages over
-    each pixel's area, free of noise. Raises SolariError without the package, and for an error of OIDN.
+    albedo and normal: those of the visible surfaces, (height, width, 3) each, or None; OIDN takes normals only beside
+    albedo. clean: whether they are averages over each pixel's area, free of noise. Raises SolariError without the
+    package, and for an error of OIDN.
     """
     library = _library()
     mean = float(np.mean(radiance, dtype=np.float64))
@@ -52,9 +53,35 @@ def denoise(
     # A power of two scales radiance without rounding to where OIDN works well, whatever its unit.
     shift = -round(math.log2(mean)) if mean < math.inf else 0
     color = np.ldexp(np.asarray(radiance, np.float32), shift)
-    guides = np.clip(albedo, 0, 1, dtype=np.float32), np.asarray(normal, np.float32)
+    guides = {}
+    if albedo is not None:
+        guides["albedo"] = np.clip(albedo, 0, 1, dtype=np.float32)
+        if normal is not None:
+            guides["normal"] = np.asarray(normal, np.float32)
     try:
-        result: NDArray[np.float32] = library.denoise(color, *guides, hdr=True, clean_aux=clean)
+        result: NDArray[np.float32] = library.denoise(color, **guides, hdr=True, clean_aux=clean and bool(guides))
     except (RuntimeError, OSError) as error:
         raise SolariError(f"denoise: {error}") from None
     return np.ldexp(result, -shift)
+
+
+def prefilter(kind: str, picture: NDArray[Any]) -> NDArray[np.float32]:
+    """A picture of the "albedo" or the "normal" of visible surfaces (height, width, 3) without noise, by the network
+    that OIDN has for it. Raises SolariError without the package, and for an error of OIDN."""
+    library = _library()
+    source = np.ascontiguousarray(np.clip(picture, 0, 1) if kind == "albedo" else picture, np.float32)
+    result = np.zeros_like(source)
+    device = library.Device()
+    device.commit()
+    work = library.Filter(device, library.OIDN_FILTER_TYPE_RT)
+    try:
+        for name, image in ((kind, source), ("output", result)):
+            work.set_image(name, image, library.OIDN_FORMAT_FLOAT3)
+        work.commit()
+        work.execute()
+    except (RuntimeError, OSError, ValueError) as error:
+        raise SolariError(f"denoise: {error}") from None
+    finally:
+        work.release()
+        device.release()
+    return result

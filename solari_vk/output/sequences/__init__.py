@@ -1,0 +1,1 @@
+"""Denoising of sequences of frames that any renderer made."""

@@ -1,0 +1,229 @@
+"""`denoise`: sequences of frames that other renderers made."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import OpenEXR
+import pytest
+from numpy.typing import NDArray
+
+import solari_vk as sv
+from solari_vk.cli import main
+from solari_vk.output.sequences.layers import find_layers
+from solari_vk.output.sequences.motion import Convention, inverted
+
+pytest.importorskip("pyoidn")
+
+FRAMES, HEIGHT, WIDTH = 7, 40, 56
+SPEED = np.array([1.5, -0.75])  # pixels a frame, x to the right and y down
+Arrays = dict[str, NDArray[np.float32]]
+
+
+def wall(light: float = 1.0) -> tuple[NDArray[np.float32], Arrays]:
+    """A textured wall that passes by: the truth, and noisy frames with their layers."""
+    random = np.random.default_rng(3)
+    rows, columns = np.mgrid[:HEIGHT, :WIDTH] + 0.5
+    truth, layers = [], {"albedo": [], "position": []}
+    for frame in range(FRAMES):
+        x, y = columns - SPEED[0] * frame, rows - SPEED[1] * frame
+        waves = [np.sin(0.35 * x + phase) * np.cos(0.3 * y - phase) for phase in (0, 1, 2)]
+        albedo = 0.5 + 0.3 * np.stack(waves, axis=-1)
+        truth.append(light * albedo)
+        layers["albedo"].append(albedo)
+        layers["position"].append(np.stack([x, -y, 0 * x], axis=-1))
+    arrays = {name: np.array(values, np.float32) for name, values in layers.items()}
+    colors = np.array(truth, np.float32)
+    noise = random.gamma(0.5, 2, (FRAMES, HEIGHT, WIDTH, 1))
+    arrays["color"] = np.asarray(colors * noise, np.float32)
+    arrays["normal"] = np.broadcast_to(np.float32([0, 0, 1]), colors.shape)
+    arrays["depth"] = np.full(colors.shape[:3], 5, np.float32)
+    arrays["motion"] = np.broadcast_to(np.float32(-SPEED), (*colors.shape[:3], 2)).copy()
+    return colors, arrays
+
+
+def given(arrays: Arrays, *names: str) -> Arrays:
+    """The layers of some names, those of `denoise` but for the colors."""
+    return {name: arrays[name] for name in names or ("albedo", "normal", "depth", "motion")}
+
+
+def write_blender(folder: Path, arrays: Arrays, count: int = FRAMES) -> Path:
+    """The frames as Cycles writes them: names of passes, and the pass Vector with y up."""
+    folder.mkdir()
+    for frame in range(count):
+        vector = arrays["motion"][frame] * (1, -1)
+        planes = {
+            "Noisy Image": ("RGB", "color"),
+            "Denoising Albedo": ("RGB", "albedo"),
+            "Position": ("XYZ", "position"),
+        }
+        channels = {
+            f"ViewLayer.{layer}.{component}": arrays[name][frame, ..., index].copy()
+            for layer, (components, name) in planes.items()
+            for index, component in enumerate(components)
+        }
+        # The next frame's vectors lead from there to here.
+        for index, component in enumerate("XYZW"):
+            channels[f"ViewLayer.Vector.{component}"] = np.float32(vector[..., index % 2])
+        channels["ViewLayer.Noisy Image.A"] = np.full((HEIGHT, WIDTH), 0.5, np.float32)
+        channels["ViewLayer.Combined.R"] = np.zeros((HEIGHT, WIDTH), np.float32)
+        OpenEXR.File({"compression": OpenEXR.ZIP_COMPRESSION}, channels).write(str(folder / f"f_{frame + 1:04}.exr"))
+    return folder
+
+
+def read(path: Path) -> dict[str, NDArray[np.float32]]:
+    with OpenEXR.File(str(path), separate_channels=True) as file:
+        return {name: channel.pixels for name, channel in file.channels().items()}
+
+
+def test_error_and_flicker_fall_below_those_of_single_frames() -> None:
+    """With motion both ways in time, and with what cameras say in its place."""
+    truth, arrays = wall()
+    alone = sv.denoise(arrays["color"], window=0, **given(arrays)).frames - truth
+    found = sv.denoise(arrays["color"], maps=True, **given(arrays))
+    error = found.frames - truth
+    assert (error**2).mean() < 0.4 * (alone**2).mean()
+    assert (np.diff(error, axis=0) ** 2).mean() < 0.2 * (np.diff(alone, axis=0) ** 2).mean()
+    # The maps say how large both are.
+    assert 0.5 < np.sqrt((found.error**2).mean() / (error**2).mean()) < 1.5
+    assert found.flicker[0].max() == 0
+    assert found.flicker[1:].mean() < 0.5 * np.abs(np.diff(alone, axis=0)).mean()
+    # Orthographic cameras: column x and row -y, which move against the wall.
+    cameras = np.array([[[1, 0, 0, SPEED[0] * i], [0, -1, 0, SPEED[1] * i], [0, 0, 0, 1]] for i in range(FRAMES)])
+    by_cameras = sv.denoise(arrays["color"], cameras=cameras, **given(arrays, "albedo", "normal", "position")).frames
+    assert np.abs(by_cameras - found.frames).mean() < 0.01
+
+
+def test_light_that_changes_isnt_averaged() -> None:
+    """The first frames are a tenth as bright: what follows doesn't darken, and they don't brighten."""
+    truth, arrays = wall()
+    for values in (truth, arrays["color"]):
+        values[:3] *= 0.1
+    found = sv.denoise(arrays["color"], **given(arrays)).frames
+    ratio = found.mean(axis=(1, 2, 3)) / truth.mean(axis=(1, 2, 3))
+    assert np.all(np.abs(ratio - 1) < 0.12), ratio
+
+
+@pytest.mark.parametrize(
+    ("flip", "meant"),
+    [((-1, -1), "from-previous,y-down"), ((1, -1), "to-previous,y-up"), ((-1, 1), "from-previous,y-up")],
+)
+@pytest.mark.parametrize("compared", ["position", "albedo"])
+def test_swapped_signs_of_motion_are_found(flip: tuple[int, int], meant: str, compared: str) -> None:
+    """The error names the convention by which the vectors are right."""
+    _, arrays = wall()
+    right = sv.denoise(arrays["color"], **given(arrays, compared, "motion")).frames
+    arrays["motion"] = arrays["motion"] * np.float32(flip)
+    with pytest.raises(sv.SolariError, match=f"point the wrong way.*convention='{meant},pixels'"):
+        sv.denoise(arrays["color"], **given(arrays, compared, "motion"))
+    again = sv.denoise(arrays["color"], convention=meant, **given(arrays, compared, "motion")).frames
+    np.testing.assert_array_equal(again, right)
+
+
+def test_conventions() -> None:
+    vectors = np.float32([[[0.5, 0.25]] * 8] * 4)
+    assert Convention.parse("uv").offsets(vectors)[0, 0].tolist() == [4, 1]
+    assert Convention.parse("from-next,y-up,ndc").offsets(vectors)[0, 0].tolist() == [-2, 0.5]
+    np.testing.assert_allclose(inverted(vectors), -vectors)
+    with pytest.raises(sv.SolariError, match="at most one each"):
+        Convention.parse("y-up,sideways")
+
+
+# Channels that renderers write; XYZ stands for three of them.
+CYCLES = "V.Combined.RGBA V.Depth.Z V.Normal.XYZ V.DiffCol.RGB V.Vector.XYZW"
+MITSUBA = ".RGBA dd.y.T nn.XYZ albedo.RGB"
+PBRT = ".RGB Albedo.RGB P.XYZ N.XYZ Ns.XYZ"
+ARNOLD = ".RGBA N.XYZ P.XYZ .Z motionvector.XY denoise_albedo.RGB diffuse.RGB"
+VRAY = ".RGBA bump_normals.XYZ diffuse_filter.RGB zdepth.Z velocity.XY"
+RENDERMAN = "Ci.rgb .a albedo.rgb normal.rgb .z backward.rg forward.rg"
+
+
+@pytest.mark.parametrize(
+    ("channels", "expected"),
+    [
+        (CYCLES, {"color": "V.Combined.R", "albedo": "V.DiffCol.R", "motion": "V.Vector.X"}),
+        (MITSUBA, {"color": "R", "albedo": "albedo.R", "normal": "nn.X", "depth": "dd.y.T"}),
+        (PBRT, {"color": "R", "albedo": "Albedo.R", "normal": "Ns.X", "position": "P.X"}),
+        (ARNOLD, {"albedo": "denoise_albedo.R", "normal": "N.X", "depth": "Z", "motion": "motionvector.X"}),
+        (VRAY, {"albedo": "diffuse_filter.R", "normal": "bump_normals.X", "depth": "zdepth.Z", "motion": "velocity.X"}),
+        (RENDERMAN, {"color": "Ci.r", "depth": "z", "motion": "backward.r", "motion_next": "forward.r"}),
+    ],
+)
+def test_layers_are_found_by_the_names_of_renderers(channels: str, expected: dict[str, str]) -> None:
+    words = [word.rpartition(".") for word in channels.split()]
+    names = [f"{layer}.{component}".lstrip(".") for layer, _, every in words for component in every]
+    found = find_layers(names, {}, "a.exr").channels
+    assert {name: found[name][0] for name in expected} == expected
+
+
+def test_files_resume_and_belong_together(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Blender's files give what their arrays give; frames that are there are kept, those of others refused."""
+    _, arrays = wall()
+    folder, out = write_blender(tmp_path / "in", arrays), tmp_path / "out"
+    words = ["denoise", str(folder / "f_####.exr"), "-o", str(out), "--maps"]
+    assert main(words) == 0
+    printed = capsys.readouterr().out
+    assert "color: ViewLayer.Noisy Image" in printed
+    assert "no normal: edges" in printed
+    assert "no motion" not in printed
+    expected = sv.denoise(arrays["color"], maps=True, **given(arrays, "albedo", "position", "motion"))
+    last = read(out / "f_0007.exr")
+    np.testing.assert_allclose(np.stack([last[c] for c in "RGB"], axis=-1), expected.frames[6], atol=1e-5)
+    np.testing.assert_allclose(last["error"], expected.error[6], atol=1e-4)
+    np.testing.assert_allclose(last["flicker"], expected.flicker[6], atol=1e-4)
+    assert np.all(last["A"] == 0.5)
+    times = {path.name: path.stat().st_mtime_ns for path in out.iterdir()}
+    (out / "f_0003.exr").unlink()
+    assert main(words) == 0
+    same = [name for name, time in times.items() if (out / name).stat().st_mtime_ns == time]
+    assert sorted(same) == [f"f_000{i}.exr" for i in (1, 2, 4, 5, 6, 7)]
+    np.testing.assert_allclose(read(out / "f_0003.exr")["flicker"], expected.flicker[2], atol=1e-4)
+    capsys.readouterr()
+    assert main([*words, "--window", "2"]) == 2
+    assert "made of other frames or with other settings" in capsys.readouterr().err
+    assert main([*words, "--window", "2", "--overwrite"]) == 0
+
+
+def test_what_cant_be_denoised_is_said(tmp_path: Path) -> None:
+    _, arrays = wall()
+    folder, out = write_blender(tmp_path / "in", arrays, 4), tmp_path / "out"
+    gray = np.ones((8, 8), np.float32)
+    cases = {
+        "has 8x8 pixels": {"ViewLayer.Noisy Image.R": gray},
+        "lacks ViewLayer.Denoising Albedo.R": {},
+        "color has values that aren't finite in 1 pixels, the first at column 5, row 3": {},
+    }
+    for message, planes in cases.items():
+        channels = read(folder / "f_0001.exr")
+        if "8x8" in message:
+            channels = dict.fromkeys(channels, planes["ViewLayer.Noisy Image.R"])
+        elif "lacks" in message:
+            del channels["ViewLayer.Denoising Albedo.R"]
+        else:
+            channels["ViewLayer.Noisy Image.G"][3, 5] = np.nan
+        OpenEXR.File({}, channels).write(str(folder / "f_0003.exr"))
+        with pytest.raises(sv.SolariError, match=message):
+            sv.denoise(folder, out)
+    (folder / "f_0003.exr").write_bytes(b"PNG")
+    with pytest.raises(sv.SolariError, match="is no EXR file"):
+        sv.denoise(folder, out)
+    (folder / "f_0003.exr").unlink()
+    with pytest.raises(sv.SolariError, match="frames are missing: 3:"):
+        sv.denoise(folder, out)
+    (folder / "f_0004.exr").unlink()
+    for arguments, message in (
+        ((folder, folder), {"match": "the sequence itself"}),
+        ((folder, None), {"match": "give the folder"}),
+        ((tmp_path / "none", out), {"match": "no EXR files"}),
+    ):
+        with pytest.raises(sv.SolariError, **message):
+            sv.denoise(*arguments)
+    with pytest.raises(sv.SolariError, match="no layer 'Albed'; did you mean 'ViewLayer.Denoising"):
+        sv.denoise(folder, out, layers={"albedo": "Albed"})
+    with pytest.raises(sv.SolariError, match="depth has the shape"):
+        sv.denoise(arrays["color"], depth=arrays["normal"])
+    with pytest.raises(sv.SolariError, match="not sRGB codes"):
+        sv.denoise(np.zeros((2, 4, 4, 3), np.uint8))
+    with pytest.raises(sv.SolariError, match="finite matrices"):
+        sv.denoise(arrays["color"], cameras=np.zeros((2, 3, 4)))
