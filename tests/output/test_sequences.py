@@ -219,7 +219,7 @@ def test_what_cant_be_denoised_is_said(tmp_path: Path) -> None:
     ):
         with pytest.raises(sv.SolariError, **message):
             sv.denoise(*arguments)
-    with pytest.raises(sv.SolariError, match="no layer 'Albed'; did you mean 'ViewLayer.Denoising"):
+    with pytest.raises(sv.SolariError, match="there is no layer 'Albed'"):
         sv.denoise(folder, out, layers={"albedo": "Albed"})
     with pytest.raises(sv.SolariError, match="depth has the shape"):
         sv.denoise(arrays["color"], depth=arrays["normal"])
