@@ -13,6 +13,8 @@ from solari_vk.passes.rows import rows
 from solari_vk.settings import Settings
 from solari_vk.settings.layering import brdf_constants
 
+FILL_ROUNDS = 4  # in which a cold cache is filled
+FILL_SQUARE = 4  # width in pixels of the squares of which one pixel asks for cells in each of these rounds
 BLOCK_SIZE = 16  # consecutive cells that one thread of a pass over the whole map handles
 CELLS_OF_PIXEL = 16
 FEWEST_CELLS = 1 << 16
@@ -65,7 +67,7 @@ def paths_stage(size: tuple[int, int], settings: Settings, worlds: int = 1, apar
         ]
     fewest = FEWEST_CELLS_OF_WORLD * parts(worlds) if worlds > 1 else 0
     cells = max(min(settings.world_cache_cells, cells), fewest)
-    made = stage(cells, samples)
+    made = stage(cells, samples, squares=(-(-size[0] // FILL_SQUARE), -(-size[1] // FILL_SQUARE)))
     # Worlds have few cells each, which are nearly all updated while lights stay: as many as their pixels allow.
     updates = 1.1 * settings.world_cache_updates_per_pixel * size[0] * size[1] if worlds > 1 else 0
     room = max(PATHS_APART, int(updates))
@@ -73,14 +75,27 @@ def paths_stage(size: tuple[int, int], settings: Settings, worlds: int = 1, apar
     return replace(made, buffers={**made.buffers, **paths})
 
 
-def stage(cells: int, samples: Sequence[Pass]) -> Stage:
-    """A map of `cells` cells with 88 bytes each. samples: the passes that sample the light of cells.
+def stage(cells: int, samples: Sequence[Pass], squares: tuple[int, int] = (0, 0)) -> Stage:
+    """A map of `cells` cells with 88 bytes each. samples: the passes that sample the light of cells. squares: columns
+    and rows of squares of pixels that ask for cells where the cache is cold; without any it isn't filled.
 
     The buffer world_cache_counters holds the numbers of active cells, of updated cells, and of queries that found no
     free entry in the map. As long as the last is 0, one seed gives one picture; otherwise the entries go to the
     queries that happen to be first.
     Inputs: `*_table`, `brdf_averages`; for the separate passes `light_tile*`. Outputs: `world_cache_*`.
     """
+    rounds = {"fill_rounds": FILL_ROUNDS if min(squares) else 0}
+    update = [*samples, Pass("world_cache/blend", indirect=DISPATCH)]
+    fill: list[Pass] = []
+    for _ in range(rounds["fill_rounds"]):
+        fill += [
+            Pass("world_cache/request", threads=squares, constants=rounds),
+            Pass("world_cache/begin_round", threads=1, constants=rounds),
+            Pass("world_cache/take_points", indirect=DISPATCH),
+            *update,
+        ]
+    if fill:
+        fill.append(Pass("world_cache/begin_round", threads=1, constants=rounds))
     return Stage(
         "world_cache",
         buffers={
@@ -92,14 +107,15 @@ def stage(cells: int, samples: Sequence[Pass]) -> Stage:
         passes=[
             # The cells that live, then where the active ones of each block begin in their list, then the list.
             Pass("world_cache/decay", threads=rows(cells // BLOCK_SIZE)),
-            Pass("world_cache/scan", threads=1),
+            Pass("world_cache/scan", threads=1, constants=rounds),
             Pass("world_cache/scatter", threads=rows(cells // BLOCK_SIZE)),
-            *samples,
-            Pass("world_cache/blend", indirect=DISPATCH),
+            # A cold cache is filled first; all other frames skip these rounds, which have no cells then.
+            *fill,
+            *update,
         ],
     )
 
 
 def glsl_header() -> str:
-    """The size of a block, by the same name."""
-    return constants(BLOCK_SIZE=BLOCK_SIZE)
+    """The sizes of a block and of a square, by the same names."""
+    return constants(BLOCK_SIZE=BLOCK_SIZE, FILL_SQUARE=FILL_SQUARE)

@@ -64,6 +64,10 @@ layout(set = 1, scalar) buffer WorldCacheCountersBlock {
     uint active_cells;
     uint updates;
     uint insert_failures;  // queries that found no free entry
+    // Of the rounds in which a frame updates cells: passes/world_cache/begin_round.comp.
+    uint rounds_left;      // rounds of the fill that aren't done yet, with the one that runs; 0 in the last round
+    uint first_cell;       // where the cells of this round begin in the list of active cells
+    uint old_cells;        // active cells that earlier frames asked for; those that the fill adds come after them
 } world_cache_counters;
 
 #endif

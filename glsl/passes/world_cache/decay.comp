@@ -54,12 +54,7 @@ void main() {
         }
         world_cache_life.at[cell] = life - 1u;
         if (relights) { relight(cell); }
-        WorldCachePoint votes = world_cache_votes.at[cell];
-        if (votes.position != 0u) {
-            world_cache_points.at[cell] = votes;
-            if (world_cache_first_points.at[cell].position == 0u) { world_cache_first_points.at[cell] = votes; }
-            world_cache_votes.at[cell] = WorldCachePoint(0u, 0u);
-        } else {
+        if (!take_voted_point(cell)) {
             world_cache_points.at[cell].position = without_priority(world_cache_points.at[cell].position);
         }
         active_count += is_to_update(cell) ? 1u : 0u;

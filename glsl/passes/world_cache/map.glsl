@@ -80,13 +80,15 @@ uint find_world_cache_cell(WorldCacheKey key, out uint empty_step) {
 
 // The index of a key's cell, which is inserted if it is new, or NO_INDEX when all entries of its search are taken. No
 // cell dies in the passes that insert cells, so that no key gets two entries.
-uint insert_world_cache_cell(WorldCacheKey key) {
+uint insert_world_cache_cell(WorldCacheKey key, out bool is_new) {
     uint search_step;
+    is_new = false;
     uint cell = find_world_cache_cell(key, search_step);
     for (; cell == NO_INDEX && search_step < world_cache_settings.search_steps; search_step++) {
         uint entry = world_cache_entry(key, search_step);
         uint existing = atomicCompSwap(world_cache_checksums.at[entry], EMPTY_CELL, key.checksum);
         if (existing == EMPTY_CELL) {
+            is_new = true;
             world_cache_bounds.at[entry] = key.bounds;
 #ifdef MANY_VIEWS
             world_cache_worlds.at[entry] = world_index;
@@ -138,6 +140,16 @@ void vote_for_point(uint cell, vec4 bounds, vec3 world_position, vec3 world_norm
     uint normal = pack_octahedral_24(world_normal);
     atomicMax(world_cache_votes.at[cell].position, priority << 24u | shuffle_24(position));
     atomicMax(world_cache_votes.at[cell].normal, priority << 24u | shuffle_24(normal));
+}
+
+// Makes the point that a query has voted for the cell's point. Returns false where no query has asked the cell.
+bool take_voted_point(uint cell) {
+    WorldCachePoint votes = world_cache_votes.at[cell];
+    if (votes.position == 0u) { return false; }
+    world_cache_points.at[cell] = votes;
+    if (world_cache_first_points.at[cell].position == 0u) { world_cache_first_points.at[cell] = votes; }
+    world_cache_votes.at[cell] = WorldCachePoint(0u, 0u);
+    return true;
 }
 
 uint without_priority(uint vote) { return vote & 0xFFFFFFu; }

@@ -16,18 +16,28 @@ WorldCacheKey choose_key(vec3 world_position, vec3 normal, float cell_size, inou
     return make_world_cache_key(world_position + orthonormalize(normal) * vec3(jitter, 0.0), normal, cell_size);
 }
 
+// The cell of a given size at a surface point, which has a vote for it then; NO_INDEX when the map is full there.
+uint find_or_insert_cell(
+    vec3 world_position, vec3 geometric_world_normal, float cell_size, out bool is_new, inout uint rng
+) {
+    WorldCacheKey key = choose_key(world_position, geometric_world_normal, cell_size, rng);
+    uint cell = insert_world_cache_cell(key, is_new);
+    if (cell == NO_INDEX) {
+        atomicAdd(world_cache_counters.insert_failures, 1u);
+    } else {
+        vote_for_point(cell, key.bounds, world_position, geometric_world_normal, rng);
+    }
+    return cell;
+}
+
 // The irradiance of the cell of a given size at a surface point; the cell is inserted if it is new, and kept alive for
 // `lifetime` frames.
 WorldCacheResult query_cell_of_size(
     vec3 world_position, vec3 geometric_world_normal, float cell_size, uint lifetime, inout uint rng
 ) {
-    WorldCacheKey key = choose_key(world_position, geometric_world_normal, cell_size, rng);
-    uint cell = insert_world_cache_cell(key);
-    if (cell == NO_INDEX) {
-        atomicAdd(world_cache_counters.insert_failures, 1u);
-        return NO_CELL;
-    }
-    vote_for_point(cell, key.bounds, world_position, geometric_world_normal, rng);
+    bool is_new;
+    uint cell = find_or_insert_cell(world_position, geometric_world_normal, cell_size, is_new, rng);
+    if (cell == NO_INDEX) { return NO_CELL; }
     WorldCacheResult cached = read_world_cache_cell(cell, lifetime);
     cached.found = cached.found && is_cell_open(cell, world_position, geometric_world_normal);
     return cached;

@@ -13,7 +13,7 @@ layout(constant_id = traces_apart_id) const bool traces_apart = false;
 const uint PASS_SALT = 0x7C0D14ECu;
 
 void main() {
-    uint thread = thread_index(INVOCATION_INDEX);
+    uint thread = place_in_list(thread_index(INVOCATION_INDEX));
     uint cell = find_cell_to_update(thread);
     if (cell == NO_INDEX) { return; }
     uint index = atomicAdd(world_cache_counters.updates, 1u);

@@ -8,6 +8,8 @@ const uint SCAN_SIZE = 256u;
 const uint BATCH = 8u;  // blocks that a thread reads at once, so that it seldom waits for memory
 layout(local_size_x = SCAN_SIZE) in;
 
+layout(constant_id = fill_rounds_id) const uint fill_rounds = 0u;
+
 shared uint sums[SCAN_SIZE];
 
 uint[BATCH] read_counts(uint first, uint end) {
@@ -43,7 +45,9 @@ void main() {
 
     if (thread == SCAN_SIZE - 1u) {
         uint total = sums[thread];
-        world_cache_counters.active_cells = total;
+        world_cache_counters.active_cells = world_cache_counters.old_cells = total;
+        world_cache_counters.first_cell = 0u;
+        world_cache_counters.rounds_left = fill_rounds > 0u ? fill_rounds + 1u : 0u;  // begin_round takes one away
         world_cache_dispatch.size = make_indirect_dispatch(total, 1u);
     }
 }

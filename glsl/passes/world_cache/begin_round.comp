@@ -1,0 +1,26 @@
+// World cache, in each round of updates: chooses the cells that it updates. The rounds of the fill update those that
+// request.comp has added to the list of active cells; the last round, which is that of a frame without a fill, all.
+#version 460
+#include "passes/world_cache/map.glsl"
+
+layout(local_size_x = 1) in;
+
+layout(constant_id = fill_rounds_id) const uint fill_rounds = 0u;
+
+// The cache is cold if more than this share of the cells that a picture asks for is new. Else the usual update, in which
+// cells have a value one frame after they are asked, is good enough.
+const uint NEW_CELLS_SHARE = 4u;  // one over it
+
+void main() {
+    uint added = world_cache_counters.active_cells - world_cache_counters.old_cells;
+    bool first = world_cache_counters.rounds_left == fill_rounds + 1u;
+    if (first && added * NEW_CELLS_SHARE <= world_cache_counters.old_cells) {
+        world_cache_counters.active_cells -= added;
+        added = 0u;
+    }
+    world_cache_counters.rounds_left -= 1u;
+    world_cache_counters.updates = 0u;
+    bool last = world_cache_counters.rounds_left == 0u;
+    world_cache_counters.first_cell = last ? 0u : world_cache_counters.old_cells;
+    world_cache_dispatch.size = make_indirect_dispatch(last ? world_cache_counters.active_cells : added, 1u);
+}
