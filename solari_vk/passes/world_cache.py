@@ -14,7 +14,7 @@ from solari_vk.settings import Settings
 from solari_vk.settings.layering import brdf_constants
 
 FILL_ROUNDS = 4  # in which a cold cache is filled
-FILL_SQUARE = 4  # width in pixels of the squares of which one pixel asks for cells in each of these rounds
+FILL_SQUARE = 3  # width in pixels of the squares of which one pixel asks for cells in each of these rounds
 BLOCK_SIZE = 16  # consecutive cells that one thread of a pass over the whole map handles
 CELLS_OF_PIXEL = 16
 FEWEST_CELLS = 1 << 16

@@ -7,14 +7,14 @@ layout(local_size_x = 1) in;
 
 layout(constant_id = fill_rounds_id) const uint fill_rounds = 0u;
 
-// The cache is cold if more than this share of the cells that a picture asks for is new. Else the usual update, in which
-// cells have a value one frame after they are asked, is good enough.
-const uint NEW_CELLS_SHARE = 4u;  // one over it
+// The cache is cold if it has less than this number of old cells for each new one. Else the usual update is good enough,
+// by which cells have a value one frame after they are asked.
+const uint OLD_CELLS_OF_NEW = 4u;
 
 void main() {
     uint added = world_cache_counters.active_cells - world_cache_counters.old_cells;
     bool first = world_cache_counters.rounds_left == fill_rounds + 1u;
-    if (first && added * NEW_CELLS_SHARE <= world_cache_counters.old_cells) {
+    if (first && added * OLD_CELLS_OF_NEW <= world_cache_counters.old_cells) {
         world_cache_counters.active_cells -= added;
         added = 0u;
     }

@@ -1,6 +1,6 @@
-// World cache, before each round of the fill: asks for the cells of surfaces that pixels without a history show, and of
-// what rays from there meet, so that paths of these pixels find light in them. One pixel of each square asks. Cells that
-// are new are added to the list of active cells.
+// World cache, before each round of the fill: asks for the cells of what rays meet that leave the surfaces of pixels
+// without a history, so that the paths of these pixels find light there. One pixel of each square asks. New cells are
+// added to the list of active cells.
 #version 460
 #include "generated/passes/world_cache.glsl"  // FILL_SQUARE, written by solari_vk/passes/world_cache.py
 #include "passes/denoise/api.glsl"

@@ -307,7 +307,7 @@ test_a_seeded_bug_is_noticed = bug_tests(
             Bug(
                 MAP,
                 "insert_world_cache_cell",
-                "uint cell = correct(key); return cell == NO_INDEX ? world_cache_entry(key, 0u) : cell;",
+                "uint cell = correct(key, is_new); return cell == NO_INDEX ? world_cache_entry(key, 0u) : cell;",
             ),
         ),
         "holes: the search ends at one": (
@@ -354,7 +354,7 @@ test_a_seeded_bug_is_noticed = bug_tests(
             Bug(
                 "passes/world_cache/update.glsl",
                 "find_cell_to_update",
-                "uint cell = correct(thread); return (thread & 1u) == 0u ? cell : NO_INDEX;",
+                "uint cell = correct(place); return (place & 1u) == 0u ? cell : NO_INDEX;",
             ),
         ),
         "relight: forgotten": (

@@ -28,7 +28,8 @@ void main() {
     Query query = queries.at[index];
     if (query.rng == 0u) { return; }
     WorldCacheKey key = make_world_cache_key(query.position, query.normal, query.cell_size);
-    uint cell = insert_world_cache_cell(key);
+    bool is_new;
+    uint cell = insert_world_cache_cell(key, is_new);
     Answer answer = Answer(cell, key.first, key.checksum, vec3(0.0), vec3(0.0), 0.0);
     if (cell != NO_INDEX) {
         WorldCacheSurface surface = load_world_cache_surface(cell);
