@@ -48,6 +48,7 @@ def stage(size: Size, rendered: Size, grid: Size = (1, 1)) -> Stage:
         passes=[
             Pass("taa/change", threads=(columns * CELL_SIZE, rows * CELL_SIZE)),
             Pass("taa/confidence", threads=(columns, rows)),
+            Pass("taa/coverage", threads=size),
             Pass("taa/resolve", threads=size),
         ],
     )

@@ -51,10 +51,13 @@ def most_worlds(largest_buffer: int) -> int:
     return 1 << (cells // FEWEST_CELLS_OF_WORLD).bit_length() - 1
 
 
-def paths_stage(size: tuple[int, int], settings: Settings, worlds: int = 1, apart_bytes: int = 0) -> Stage:
+def paths_stage(
+    size: tuple[int, int], settings: Settings, worlds: int = 1, apart_bytes: int = 0, fills: bool = True
+) -> Stage:
     """The cache with cells that are sampled by paths; fewer cells for small pictures, more for many worlds.
 
-    apart_bytes: what `paths.apart_bytes` has returned.
+    apart_bytes: what `paths.apart_bytes` has returned. fills: whether a cold cache is filled before paths ask it, for
+    the surfaces that pixels without a history show.
     """
     # Paths of a small picture ask for few cells, and passes over the whole map take time with its size.
     cells = max(1 << (CELLS_OF_PIXEL * size[0] * size[1] - 1).bit_length(), FEWEST_CELLS)
@@ -67,7 +70,7 @@ def paths_stage(size: tuple[int, int], settings: Settings, worlds: int = 1, apar
         ]
     fewest = FEWEST_CELLS_OF_WORLD * parts(worlds) if worlds > 1 else 0
     cells = max(min(settings.world_cache_cells, cells), fewest)
-    made = stage(cells, samples, squares=(-(-size[0] // FILL_SQUARE), -(-size[1] // FILL_SQUARE)))
+    made = stage(cells, samples, tuple(-(-side // FILL_SQUARE) for side in size) if fills else ())
     # Worlds have few cells each, which are nearly all updated while lights stay: as many as their pixels allow.
     updates = 1.1 * settings.world_cache_updates_per_pixel * size[0] * size[1] if worlds > 1 else 0
     room = max(PATHS_APART, int(updates))
@@ -75,16 +78,17 @@ def paths_stage(size: tuple[int, int], settings: Settings, worlds: int = 1, apar
     return replace(made, buffers={**made.buffers, **paths})
 
 
-def stage(cells: int, samples: Sequence[Pass], squares: tuple[int, int] = (0, 0)) -> Stage:
+def stage(cells: int, samples: Sequence[Pass], squares: tuple[int, ...] = ()) -> Stage:
     """A map of `cells` cells with 88 bytes each. samples: the passes that sample the light of cells. squares: columns
     and rows of squares of pixels that ask for cells where the cache is cold; without any it isn't filled.
 
     The buffer world_cache_counters holds the numbers of active cells, of updated cells, and of queries that found no
     free entry in the map. As long as the last is 0, one seed gives one picture; otherwise the entries go to the
     queries that happen to be first.
-    Inputs: `*_table`, `brdf_averages`; for the separate passes `light_tile*`. Outputs: `world_cache_*`.
+    Inputs: `*_table`, `brdf_averages`; to fill the cache `camera_media`, `depth`, `gbuffer*`, `denoise_guides` and
+    `denoise_diffuse`; for the separate passes `light_tile*`. Outputs: `world_cache_*`.
     """
-    rounds = {"fill_rounds": FILL_ROUNDS if min(squares) else 0}
+    rounds = {"fill_rounds": FILL_ROUNDS if squares else 0}
     update = [*samples, Pass("world_cache/blend", indirect=DISPATCH)]
     fill: list[Pass] = []
     for _ in range(rounds["fill_rounds"]):

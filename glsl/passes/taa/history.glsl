@@ -39,6 +39,13 @@ bool in_exposure() {
     return this_frame.shutter_state == FIRST_OF_EXPOSURE || this_frame.shutter_state == LATER_OF_EXPOSURE;
 }
 
+// Whether coverage.comp has written to `radiance` the light of pixels at edges; of others NO_COVERAGE. Rays can't tell
+// what raster shows of instances that are other meshes to rays.
+const vec3 NO_COVERAGE = vec3(-1.0);
+bool finds_coverage() {
+    return this_frame.has_history == 0u && taa_settings.antialiasing != 0u && !in_exposure() && !SCENE_PROXIES;
+}
+
 HistorySample load_exposure(uint index) {
     return HistorySample(radiance.at[index], uintBitsToFloat(previous_taa_history.at[index].x), false);
 }

@@ -80,6 +80,8 @@ void main() {
         }
         if (!exposed) { weight = UNEXPOSED; }  // stands for samples of the row's time, until there are some
     }
+    vec3 covered = finds_coverage() ? radiance.at[index] : NO_COVERAGE;
+    if (covered != NO_COVERAGE) { found = NearestSample(covered, true); }
     if (found.exists) {
         // A sample counts in proportion to its number in the sequence, since the denoiser knows more from frame to
         // frame. Up to a factor, these weights sum to the square of the number. Times of an exposure count the same.

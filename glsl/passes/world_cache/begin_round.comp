@@ -7,20 +7,20 @@ layout(local_size_x = 1) in;
 
 layout(constant_id = fill_rounds_id) const uint fill_rounds = 0u;
 
-// The cache is cold if it has less than this number of old cells for each new one. Else the usual update is good enough,
-// by which cells have a value one frame after they are asked.
+// The cache is cold if it has less than this number of old cells for each new one. Else the usual update is enough, by
+// which cells have a value one frame after they are asked.
 const uint OLD_CELLS_OF_NEW = 4u;
 
 void main() {
-    uint added = world_cache_counters.active_cells - world_cache_counters.old_cells;
-    bool first = world_cache_counters.rounds_left == fill_rounds + 1u;
-    if (first && added * OLD_CELLS_OF_NEW <= world_cache_counters.old_cells) {
+    uint added = world_cache_counters.active_cells - world_cache_dispatch.old_cells;
+    bool first = world_cache_dispatch.rounds_left == fill_rounds + 1u;
+    if (first && added * OLD_CELLS_OF_NEW <= world_cache_dispatch.old_cells) {
         world_cache_counters.active_cells -= added;
         added = 0u;
     }
-    world_cache_counters.rounds_left -= 1u;
+    world_cache_dispatch.rounds_left -= 1u;
     world_cache_counters.updates = 0u;
-    bool last = world_cache_counters.rounds_left == 0u;
-    world_cache_counters.first_cell = last ? 0u : world_cache_counters.old_cells;
+    bool last = world_cache_dispatch.rounds_left == 0u;
+    world_cache_dispatch.first_cell = last ? 0u : world_cache_dispatch.old_cells;
     world_cache_dispatch.size = make_indirect_dispatch(last ? world_cache_counters.active_cells : added, 1u);
 }

@@ -46,7 +46,13 @@ struct WorldCacheSample {
 };
 const uint SEES_WALL = 0x80000000u;  // the cell's point of this frame doesn't see the cell's first point
 layout(set = 1, scalar) buffer WorldCacheSamplesBlock { WorldCacheSample at[]; } world_cache_samples;
-layout(set = 1, scalar) buffer WorldCacheDispatchBlock { IndirectDispatch size; } world_cache_dispatch;
+// The round in which a frame updates cells: passes/world_cache/begin_round.comp.
+layout(set = 1, scalar) buffer WorldCacheDispatchBlock {
+    IndirectDispatch size;
+    uint rounds_left;  // rounds of the fill that aren't done yet, with the one that runs; 0 in the last round
+    uint first_cell;   // where the cells of this round begin in the list of active cells
+    uint old_cells;    // active cells that earlier frames asked for; those that the fill adds come after them
+} world_cache_dispatch;
 
 // The paths of the cells that a frame updates, for passes/world_cache/trace.comp, which only traces. `thread`: the one
 // for which find_cell_to_update returns the cell; NO_INDEX once the path has ended.
@@ -64,10 +70,6 @@ layout(set = 1, scalar) buffer WorldCacheCountersBlock {
     uint active_cells;
     uint updates;
     uint insert_failures;  // queries that found no free entry
-    // Of the rounds in which a frame updates cells: passes/world_cache/begin_round.comp.
-    uint rounds_left;      // rounds of the fill that aren't done yet, with the one that runs; 0 in the last round
-    uint first_cell;       // where the cells of this round begin in the list of active cells
-    uint old_cells;        // active cells that earlier frames asked for; those that the fill adds come after them
 } world_cache_counters;
 
 #endif

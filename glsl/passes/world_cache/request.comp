@@ -15,8 +15,8 @@ const uint PASS_SALT = 0x510E527Fu;
 
 // Whether begin_round.comp has decided to fill the cache; in the first round it is yet to.
 bool may_fill() {
-    bool first = world_cache_counters.rounds_left == fill_rounds + 1u;
-    return first || world_cache_counters.active_cells > world_cache_counters.old_cells;
+    bool first = world_cache_dispatch.rounds_left == fill_rounds + 1u;
+    return first || world_cache_counters.active_cells > world_cache_dispatch.old_cells;
 }
 
 bool is_new(uint index) {
@@ -37,7 +37,7 @@ void ask_for_cell(SurfaceInteraction surface, inout uint rng) {
 void main() {
     uvec2 square = INVOCATION_INDEX;
     if (frame_settings.world_cache == 0u || !may_fill()) { return; }
-    uint rng = seed_rng(square, all_views.index, all_views.seed ^ PASS_SALT + world_cache_counters.rounds_left);
+    uint rng = seed_rng(square, all_views.index, all_views.seed ^ PASS_SALT + world_cache_dispatch.rounds_left);
     uvec2 pixel = square * FILL_SQUARE + uvec2(rand_range_u(FILL_SQUARE, rng), rand_range_u(FILL_SQUARE, rng));
     uint index;
     if (!find_pixel(pixel, index) || !is_new(index)) { return; }

@@ -7,14 +7,14 @@
 const uint UPDATE_SALT = 0x7C0A11EDu, ROUND_SALT = 0x9E3779B9u;
 
 // Whether this round is one of the fill, not the last one, in which each frame updates cells.
-bool is_filling() { return world_cache_counters.rounds_left > 0u; }
+bool is_filling() { return world_cache_dispatch.rounds_left > 0u; }
 
 // The place in the list of active cells that a thread of this round has.
-uint place_in_list(uint thread) { return world_cache_counters.first_cell + thread; }
+uint place_in_list(uint thread) { return world_cache_dispatch.first_cell + thread; }
 
 // Seeds by the key, since a cell's index in the map depends on the order in which cells were inserted.
 uint seed_cell_rng(uint cell, uint salt) {
-    salt ^= world_cache_counters.rounds_left * ROUND_SALT;
+    salt ^= world_cache_dispatch.rounds_left * ROUND_SALT;
     return seed_rng(uvec2(world_cache_checksums.at[cell], 0u), all_views.index, all_views.seed ^ salt);
 }
 

@@ -33,7 +33,7 @@ class CacheFrame(SceneFrame):
         constants = {"lambertian_surfaces": settings.lambert, "first_ray": first_ray}
         stages = [
             light_tiles(settings),
-            world_cache.paths_stage((8, 8), settings) if settings.lighting == "paths" else cache(settings),
+            world_cache.paths_stage((8, 8), settings, fills=False) if settings.lighting == "paths" else cache(settings),
             Stage(
                 "ask",
                 buffers={"answers": QUERY_COUNT, "ray_counts": 6},
