@@ -14,6 +14,8 @@ const float INTERPOLATED = 0.125;    // weight of an interpolated sample
 const float UNEXPOSED = 1e-6;        // the same of one at whose time the shutter is closed
 const float ENOUGH = 8.0;            // samples that need no interpolated ones beside them, nor softening at rest
 
+const float JUMP = 0.0625;           // from frame to frame, in heights of the picture
+
 // ---- the history ----------------------------------------------------------------------------------------
 
 const float LONGEST = 63.0;            // samples in a mean: the largest that is packed

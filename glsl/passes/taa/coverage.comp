@@ -1,6 +1,6 @@
-// Pixels at edges in a frame without a history: the mean light of what several camera rays through the pixel show, each
-// of which takes its light from the nearest sample of the surface that it hits. Chajdas, McGuire and Luebke, "Subpixel
-// Reconstruction Antialiasing for Deferred Shading" (2011), with rays in place of a finer depth buffer.
+// Pixels at edges in a first frame, or where the picture jumps: the mean light of what several camera rays through the
+// pixel show, each of which takes its light from the nearest sample of the surface that it hits. Chajdas, McGuire and
+// Luebke, "Subpixel Reconstruction Antialiasing for Deferred Shading" (2011), with rays in place of finer depths.
 #version 460
 #include "common/random.glsl"
 #include "passes/taa/history.glsl"
@@ -55,14 +55,16 @@ bool find_sample(ivec2 center, vec2 where, CameraRay ray, Hit hit, out vec3 ligh
 void main() {
     uvec2 pixel = INVOCATION_INDEX;
     uint index;
-    if (!finds_coverage() || !find_element(pixel, camera.picture_size, index)) { return; }
-    ivec2 at = ivec2(pixel), last = ivec2(camera.size) - 1;
-    ivec2 center = clamp(ivec2(round(among_samples(vec2(at) + 0.5))), ivec2(0), last);
+    if (taa_settings.antialiasing == 0u || !find_element(pixel, camera.picture_size, index)) { return; }
+    ivec2 at = ivec2(pixel), center = find_center(at);
+    if (in_exposure() || !begins_anew(center)) { return; }
     vec3 sum = vec3(0.0);
     float count = 0.0;
     uint rng = seed_rng(pixel, this_frame.index, this_frame.seed ^ PASS_SALT);
     vec2 shift = rand_vec2f(rng);
-    for (uint i = 0u; i < RAYS && (i > 0u || is_at_edge(center)); i++) {
+    // Rays can't tell what raster shows of instances that are other meshes to rays.
+    uint rays = !SCENE_PROXIES && is_at_edge(center) ? RAYS : 0u;
+    for (uint i = 0u; i < rays; i++) {
         // Roberts, "The Unreasonable Effectiveness of Quasirandom Sequences" (2018).
         vec2 within = fract(shift + float(i) * vec2(0.7548776662, 0.5698402910));
         vec2 where = among_samples(vec2(at) + within);

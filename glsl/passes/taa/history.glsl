@@ -39,13 +39,6 @@ bool in_exposure() {
     return this_frame.shutter_state == FIRST_OF_EXPOSURE || this_frame.shutter_state == LATER_OF_EXPOSURE;
 }
 
-// Whether coverage.comp has written to `radiance` the light of pixels at edges; of others NO_COVERAGE. Rays can't tell
-// what raster shows of instances that are other meshes to rays.
-const vec3 NO_COVERAGE = vec3(-1.0);
-bool finds_coverage() {
-    return this_frame.has_history == 0u && taa_settings.antialiasing != 0u && !in_exposure() && !SCENE_PROXIES;
-}
-
 HistorySample load_exposure(uint index) {
     return HistorySample(radiance.at[index], uintBitsToFloat(previous_taa_history.at[index].x), false);
 }
@@ -101,6 +94,15 @@ vec2 motion_in_picture(ivec2 pixel) {
     vec2 motion = imageLoad(guides_specular_motion, texel_of(pixel)).xy;
     if (camera.lens_radius > 0.0) { motion = motion_without_lens(pixel, motion); }
     return motion * vec2(camera.picture_size) + this_frame.user_jitter_change;
+}
+
+// Whether a pixel begins a new mean, as in a first frame, because what it shows has jumped. Its first sample then tells
+// little of edges, so that coverage.comp writes their light to `radiance`; to other such pixels it writes NO_COVERAGE.
+const vec3 NO_COVERAGE = vec3(-1.0);
+bool begins_anew(ivec2 center) {
+    if (this_frame.has_history == 0u) { return true; }
+    vec2 motion = motion_in_picture(center);
+    return dot(motion, motion) > square(JUMP * float(camera.picture_size.y));
 }
 
 // ---- what still holds -------------------------------------------------------------------------------

@@ -54,7 +54,8 @@ void main() {
         return;
     }
     Neighborhood around = find_neighborhood(at);
-    HistorySample history = find_history(at, around);
+    bool anew = !in_exposure() && begins_anew(around.center);
+    HistorySample history = anew ? NO_HISTORY_SAMPLE : find_history(at, around);
     if (!in_exposure()) {  // the picture of an exposure is that of all times
         uvec2 cells = (camera.size + CELL_SIZE - 1u) / CELL_SIZE;
         if (SCENE_ALPHA && this_frame.expected_change > 0.0 && has_new_opacity(around.center)) { history.weight = 0.0; }
@@ -80,7 +81,7 @@ void main() {
         }
         if (!exposed) { weight = UNEXPOSED; }  // stands for samples of the row's time, until there are some
     }
-    vec3 covered = finds_coverage() ? radiance.at[index] : NO_COVERAGE;
+    vec3 covered = anew ? radiance.at[index] : NO_COVERAGE;
     if (covered != NO_COVERAGE) { found = NearestSample(covered, true); }
     if (found.exists) {
         // A sample counts in proportion to its number in the sequence, since the denoiser knows more from frame to

@@ -47,10 +47,14 @@ struct Neighborhood {
     float count;     // of valid samples
 };
 
+// The sample that is nearest to the center of a pixel of the picture.
+ivec2 find_center(ivec2 at) {
+    return clamp(ivec2(round(among_samples(vec2(at) + 0.5))), ivec2(0), ivec2(camera.size) - 1);
+}
+
 Neighborhood find_neighborhood(ivec2 at) {
     Neighborhood found;
-    ivec2 last = ivec2(camera.size) - 1;
-    found.center = clamp(ivec2(round(among_samples(vec2(at) + 0.5))), ivec2(0), last);
+    found.center = find_center(at);
     found.nearest = found.center;
     float depth = imageLoad(guides_depth, texel_of(found.center)).x;
     vec3 sum = vec3(0.0), squares = vec3(0.0);
