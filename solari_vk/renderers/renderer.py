@@ -134,7 +134,7 @@ class Renderer(RendererBase):
         """Submit the next frame and return it, without waiting for it; its results are read by name.
 
         camera: by default the scene's. Light accumulates over frames; the picture of a still camera settles after about
-        24 frames. Jumps of the camera are noticed. shutter: the frame shows one time of the exposure, for which `pose(seconds)`,
+        24 frames; it may jump. shutter: the frame shows one time of the exposure, for which `pose(seconds)`,
         by default `scene.animate`, poses the scene, and may return the camera; `radiance` is the mean of the successive
         frames given this shutter, pose and camera, and another one begins a new picture. The scene stays as in
         the middle of the exposure, which results at pixels' centers show. Raises SolariError for a wrong camera, a
@@ -377,7 +377,7 @@ class Renderer(RendererBase):
         self.reset()
 
     def reset(self) -> None:
-        """Drop what earlier frames found, the world cache too: for another scene. A cut of the camera needs no reset."""
+        """Drop what earlier frames found, the world cache too, as for another scene. A cut of the camera needs none."""
         self._has_history = False
 
     # ---- results ------------------------------------------------------------------------------------
