@@ -52,6 +52,7 @@ layout(set = 1, scalar) buffer WorldCacheDispatchBlock {
     uint rounds_left;  // rounds of the fill that aren't done yet, with the one that runs; 0 in the last round
     uint first_cell;   // where the cells of this round begin in the list of active cells
     uint old_cells;    // active cells that earlier frames asked for; those that the fill adds come after them
+    uint misses;       // requests for cells without a value
 } world_cache_dispatch;
 
 // The paths of the cells that a frame updates, for passes/world_cache/trace.comp, which only traces. `thread`: the one

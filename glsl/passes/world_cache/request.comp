@@ -30,6 +30,7 @@ void ask_for_cell(SurfaceInteraction surface, inout uint rng) {
     uint cell =
         find_or_insert_cell(surface.world_position, surface.geometric_world_normal, cell_size, is_new, rng);
     if (cell == NO_INDEX) { return; }
+    if (world_cache_irradiance.at[cell].w == 0.0) { atomicAdd(world_cache_dispatch.misses, 1u); }
     atomicMax(world_cache_life.at[cell], world_cache_settings.lifetime);
     if (is_new) { world_cache_active_cells.at[atomicAdd(world_cache_counters.active_cells, 1u)] = cell; }
 }

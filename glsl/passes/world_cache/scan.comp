@@ -47,7 +47,7 @@ void main() {
         uint total = sums[thread];
         world_cache_counters.active_cells = total;
         world_cache_dispatch.old_cells = total;
-        world_cache_dispatch.first_cell = 0u;
+        world_cache_dispatch.first_cell = world_cache_dispatch.misses = 0u;
         world_cache_dispatch.rounds_left = fill_rounds > 0u ? fill_rounds + 1u : 0u;  // begin_round takes one away
         world_cache_dispatch.size = make_indirect_dispatch(total, 1u);
     }
