@@ -80,8 +80,8 @@ def test_the_blur_shows_no_squares(device):
 
 
 def test_a_jump_keeps_the_cache_and_what_was_seen(device):
-    """A frame after a jump of the camera, of which nobody was told, is better than after a reset, and no worse where the
-    camera has turned around; and the cells are still there."""
+    """A frame after a jump of the camera, of which nobody was told, is better than after a reset, and no worse where
+    the camera has turned around; and the cells are still there."""
     scene = builtin("rooms")
     expected = truth(device, scene)
     right, up, back, eye = scene.camera.transform.T[:, :3]
