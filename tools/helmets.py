@@ -1,4 +1,4 @@
-"""The README's picture: flight helmets in the light of a photograph, by the path tracer, denoised.
+"""The first picture of the documentation: flight helmets in the light of a photograph, by the path tracer, denoised.
 
     python tools/helmets.py FlightHelmet.gltf map.hdr -o docs/helmets.jpg [--size 1920x800] [--samples 8]
 

@@ -65,7 +65,7 @@ class Overrides(MutableMapping[str | Item, Values], Generic[Item, Values]):
     def _is_group(self, group: Group) -> SolariError:
         return SolariError(
             f"{self.where}: {group.describe()} is a group, which worlds have not: give the {self.among} "
-            "among its items theirs (docs/guides/batches.md, Worlds)"
+            "among its items theirs (docs/reference/batches.md, Worlds)"
         )
 
     def _checked(self, item: Item, values: Any) -> Values:

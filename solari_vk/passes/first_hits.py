@@ -37,12 +37,12 @@ FIRST_HITS = {
     "depth": FirstHit(
         "float",
         "hit.t * ray.depth_per_t",
-        "distance along the view axis, in meters; inf where nothing is; of [wide lenses](cameras.md) along the ray",
+        "distance along the view axis, in meters; inf in the background; of [wide lenses](cameras.md) along the ray",
         "INFINITY",
         "hit.t * ray.depth_per_t",
     ),
     "distance": FirstHit(
-        "float", "hit.t", "along the ray, from the camera, in meters; inf where nothing is", "INFINITY", "hit.t"
+        "float", "hit.t", "along the ray, from the camera, in meters; inf in the background", "INFINITY", "hit.t"
     ),
     "position": FirstHit(
         "vec3",
@@ -84,8 +84,8 @@ FIRST_HITS = {
     "instance_id": FirstHit(
         "uint",
         "instance_number(hit.instance)",
-        "a number from 0 on, 4294967295 where nothing is; `frame.instances[number]` is the instance. Each primitive of "
-        "a glTF mesh is one, [a part](outputs.md#labels) of the node's object",
+        "a number from 0 on, 4294967295 in the background; `frame.instances[number]` is the instance. Each primitive "
+        "of a glTF mesh is one, [a part](outputs.md#labels) of the node's object",
         "NO_INDEX",
         "instance_number(hit.instance)",
     ),

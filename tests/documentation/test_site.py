@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import html
 import inspect
+import json
 import os
 import re
 import subprocess
@@ -45,6 +46,34 @@ def shown(page):
 def test_every_page_is_there(site):
     pages = [path.relative_to(ROOT / "docs").with_suffix(".html") for path in (ROOT / "docs").rglob("*.md")]
     assert all((site / page).is_file() for page in [*pages, "contributing.html", "changelog.html"])
+
+
+def test_search_finds_what_people_look_for(site):
+    """By the words that the page's index is split into."""
+    index = json.loads((site / "search/search_index.json").read_text(encoding="utf-8"))
+    separator = re.compile(index["config"]["separator"])
+    pages = {word: set() for word in ("look_at", "urdf", "depth")}
+    for entry in index["docs"]:
+        words = separator.split(f"{entry['title']} {entry['text']}".lower())
+        for word in pages.keys() & set(words):
+            pages[word].add(entry["location"].partition("#")[0])
+    assert {"reference/scene.html", "guides/coming_from.html", "guides/scenes.html"} <= pages["look_at"]
+    assert {"guides/scenes.html", "guides/batches.html"} <= pages["urdf"]
+    assert {"guides/outputs.html", "guides/cameras.html", "start/first_script.html"} <= pages["depth"]
+
+
+def test_pages_are_in_the_order_of_readers(site):
+    """Other programs' calls first, measurements last; their index has all of them."""
+    navigation = load_config(str(ROOT / "tools/site/mkdocs.yml")).nav
+    start = next(part["Start"] for part in navigation if "Start" in part)
+    assert start[0] == "guides/coming_from.md"
+    assert start.index("start/first_picture.md") < start.index("start/first_script.md")
+    assert "Measured" in navigation[-1]
+    index = (ROOT / "docs/measured/index.md").read_text(encoding="utf-8")
+    pages = [
+        page for each in navigation[-1]["Measured"] for page in (each.values() if isinstance(each, dict) else [each])
+    ]
+    assert all(f"({os.path.relpath(page, 'measured')})" in index for page in pages if page != "measured/index.md")
 
 
 def test_every_public_name_has_its_place(site):

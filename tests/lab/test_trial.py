@@ -404,8 +404,8 @@ def test_cycles_is_given_gltfs_default_material(tmp_path, monkeypatch):
     assert content["materials"] == [{"name": "given"}, {}]
 
 
-def test_the_guide_has_all_differences():
-    guide = (Path(__file__).parents[2] / "docs/guides/trial.md").read_text()
+def test_the_reference_has_all_differences():
+    guide = (Path(__file__).parents[2] / "docs/reference/trial.md").read_text()
     rows = {tuple(cell.strip() for cell in line.strip("|").split("|")) for line in guide.splitlines() if "|" in line}
     titles = {name: kind.title for name, kind in KINDS.items()} | {"all": "all"}
     assert {(titles[d.renderer], d.what, d.why) for d in DIFFERENCES} <= rows

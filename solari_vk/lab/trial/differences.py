@@ -18,7 +18,7 @@ from solari_vk.scene.model import Instance, Mesh, Scene
 
 @dataclass(frozen=True)
 class Difference:
-    """Whose pictures differ from ours, why, and whether that is so in a scene. docs/guides/trial.md shows all."""
+    """Whose pictures differ from ours, why, and whether that is so in a scene. docs/reference/trial.md shows all."""
 
     renderer: str
     what: str

@@ -39,7 +39,7 @@ INTRO = (
     "a first sample.",
 )
 SUMMARY = "Distances are relMSE. The last columns are seconds of all processors to equal error."
-EXPLAINED = "[The guide](../guides/trial.md#differences-that-are-explained) has the reasons."
+EXPLAINED = "[The reference](../reference/trial.md#differences-that-are-explained) has the reasons."
 RENDERERS = ("scene", "renderer", "mean R G B", "noise", "loading s", "seconds", "processor s", "to equal error")
 DISTANCES = ("scene", "pair", "relMSE", "FLIP", "R G B ratio")
 
