@@ -13,7 +13,7 @@ from solari_vk.passes.rows import rows
 from solari_vk.settings import Settings
 from solari_vk.settings.layering import brdf_constants
 
-FILL_ROUNDS = 4  # in which a cold cache is filled
+FILL_ROUNDS = 3  # in which a cold cache is filled
 FILL_SQUARE = 3  # width in pixels of the squares of which one pixel asks for cells in each of these rounds
 BLOCK_SIZE = 16  # consecutive cells that one thread of a pass over the whole map handles
 CELLS_OF_PIXEL = 16
@@ -62,15 +62,21 @@ def paths_stage(
     # Paths of a small picture ask for few cells, and passes over the whole map take time with its size.
     cells = max(1 << (CELLS_OF_PIXEL * size[0] * size[1] - 1).bit_length(), FEWEST_CELLS)
     brdf: dict[str, Any] = brdf_constants(settings)
-    samples = [Pass("world_cache/sample", indirect=DISPATCH, constants=brdf | {"traces_apart": apart_bytes > 0})]
-    for wave in range(WAVES_APART if apart_bytes else 0):
-        samples += [
-            Pass("world_cache/trace", indirect=DISPATCH, constants={"is_first_wave": wave == 0}),
-            Pass("world_cache/arrive", indirect=DISPATCH, constants=brdf | {"is_last_wave": wave == WAVES_APART - 1}),
-        ]
+
+    def sampled(waves: int) -> list[Pass]:
+        found = [Pass("world_cache/sample", indirect=DISPATCH, constants=brdf | {"traces_apart": apart_bytes > 0})]
+        for wave in range(waves if apart_bytes else 0):
+            last = {"is_last_wave": wave == waves - 1}
+            found += [
+                Pass("world_cache/trace", indirect=DISPATCH, constants={"is_first_wave": wave == 0}),
+                Pass("world_cache/arrive", indirect=DISPATCH, constants=brdf | last),
+            ]
+        return found
+
     fewest = FEWEST_CELLS_OF_WORLD * parts(worlds) if worlds > 1 else 0
     cells = max(min(settings.world_cache_cells, cells), fewest)
-    made = stage(cells, samples, tuple(-(-side // FILL_SQUARE) for side in size) if fills else ())
+    # In rounds of the fill one wave traces paths to their ends, since each pass takes time in frames that skip them.
+    made = stage(cells, sampled(WAVES_APART), _fill(size, sampled(1)) if fills else [])
     # Worlds have few cells each, which are nearly all updated while lights stay: as many as their pixels allow.
     updates = 1.1 * settings.world_cache_updates_per_pixel * size[0] * size[1] if worlds > 1 else 0
     room = max(PATHS_APART, int(updates))
@@ -78,9 +84,24 @@ def paths_stage(
     return replace(made, buffers={**made.buffers, **paths})
 
 
-def stage(cells: int, samples: Sequence[Pass], squares: tuple[int, ...] = ()) -> Stage:
-    """A map of `cells` cells with 88 bytes each. samples: the passes that sample the light of cells. squares: columns
-    and rows of squares of pixels that ask for cells where the cache is cold; without any it isn't filled.
+def _fill(size: tuple[int, int], samples: Sequence[Pass]) -> list[Pass]:
+    """The rounds that fill a cold cache, and the begin of the last round, which is that of all frames. samples: the
+    passes that sample the light of cells."""
+    rounds = {"fill_rounds": FILL_ROUNDS}
+    squares = tuple(-(-side // FILL_SQUARE) for side in size)
+    begin = Pass("world_cache/begin_round", threads=1, constants=rounds)
+    request = Pass("world_cache/request", threads=squares, constants=rounds)
+    update = [
+        Pass("world_cache/take_points", indirect=DISPATCH),
+        *samples,
+        Pass("world_cache/blend", indirect=DISPATCH),
+    ]
+    return [*FILL_ROUNDS * [request, begin, *update], begin]
+
+
+def stage(cells: int, samples: Sequence[Pass], fill: Sequence[Pass] = ()) -> Stage:
+    """A map of `cells` cells with 88 bytes each. samples: the passes that sample the light of cells. fill: what `_fill`
+    returns.
 
     The buffer world_cache_counters holds the numbers of active cells, of updated cells, and of queries that found no
     free entry in the map. As long as the last is 0, one seed gives one picture; otherwise the entries go to the
@@ -88,18 +109,6 @@ def stage(cells: int, samples: Sequence[Pass], squares: tuple[int, ...] = ()) ->
     Inputs: `*_table`, `brdf_averages`; to fill the cache `camera_media`, `depth`, `gbuffer*`, `denoise_guides` and
     `denoise_diffuse`; for the separate passes `light_tile*`. Outputs: `world_cache_*`.
     """
-    rounds = {"fill_rounds": FILL_ROUNDS if squares else 0}
-    update = [*samples, Pass("world_cache/blend", indirect=DISPATCH)]
-    fill: list[Pass] = []
-    for _ in range(rounds["fill_rounds"]):
-        fill += [
-            Pass("world_cache/request", threads=squares, constants=rounds),
-            Pass("world_cache/begin_round", threads=1, constants=rounds),
-            Pass("world_cache/take_points", indirect=DISPATCH),
-            *update,
-        ]
-    if fill:
-        fill.append(Pass("world_cache/begin_round", threads=1, constants=rounds))
     return Stage(
         "world_cache",
         buffers={
@@ -111,11 +120,12 @@ def stage(cells: int, samples: Sequence[Pass], squares: tuple[int, ...] = ()) ->
         passes=[
             # The cells that live, then where the active ones of each block begin in their list, then the list.
             Pass("world_cache/decay", threads=rows(cells // BLOCK_SIZE)),
-            Pass("world_cache/scan", threads=1, constants=rounds),
+            Pass("world_cache/scan", threads=1, constants={"fill_rounds": FILL_ROUNDS if fill else 0}),
             Pass("world_cache/scatter", threads=rows(cells // BLOCK_SIZE)),
             # A cold cache is filled first; all other frames skip these rounds, which have no cells then.
             *fill,
-            *update,
+            *samples,
+            Pass("world_cache/blend", indirect=DISPATCH),
         ],
     )
 
