@@ -91,12 +91,8 @@ def _fill(size: tuple[int, int], samples: Sequence[Pass]) -> list[Pass]:
     squares = tuple(-(-side // FILL_SQUARE) for side in size)
     begin = Pass("world_cache/begin_round", threads=1, constants=rounds)
     request = Pass("world_cache/request", threads=squares, constants=rounds)
-    update = [
-        Pass("world_cache/take_points", indirect=DISPATCH),
-        *samples,
-        Pass("world_cache/blend", indirect=DISPATCH),
-    ]
-    return [*FILL_ROUNDS * [request, begin, *update], begin]
+    take_points, blend = (Pass(f"world_cache/{name}", indirect=DISPATCH) for name in ("take_points", "blend"))
+    return [*FILL_ROUNDS * [request, begin, take_points, *samples, blend], begin]
 
 
 def stage(cells: int, samples: Sequence[Pass], fill: Sequence[Pass] = ()) -> Stage:
