@@ -202,11 +202,24 @@ class Ways(Measurement):
     size: tuple[int, int] = option("of the pictures (1920x1080)", "WxH", type=size, default=(1920, 1080))
 
 
+@dataclass(frozen=True, kw_only=True)
+class Sequences(Measurement):
+    MODULE = "sequences"
+    cases: tuple[str, ...] = option(
+        "folders of EXR frames: noisy ones, and one or two with many samples, which tell the truth",
+        "NOISY:REFERENCE[:REFERENCE]",
+        names=("cases",),
+        nargs="+",
+    )
+    pictures: Path | None = option("write strips of frames", "FOLDER", type=Path)
+
+
 Measurement.PARTS = (
     Command("speed", "rays and samples a second, host time, loading", RUN, Speed),
     Command("load", "sizes of files, and the times from a file to a scene on the device", RUN, Load),
     Command("frame", "the realtime frame: time and rays by pass, memory, growth, error over time", RUN, Frame),
     Command("denoise", "errors of denoised single frames, still and in motion, beside OIDN's", RUN, Denoise),
+    Command("sequences", "errors and flicker of denoised animations, beside OIDN's and the renderer's", RUN, Sequences),
     Command("settings", "errors and times with other settings, raw and denoised", RUN, ComparedSettings),
     Command("frame-ms", "how well frame_ms keeps frames to a time", RUN, FrameMs),
     Command("portals", "what a portal in a room's window saves", RUN, Portals),

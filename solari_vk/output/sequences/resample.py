@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 Floats = NDArray[np.float32]
 Whole = NDArray[np.intp]
+_REACH = 6  # pixels: beyond it the filter's weights are below 0.001
 
 
 def pixel_grid(height: int, width: int) -> Floats:
@@ -46,29 +47,43 @@ def bilinear(picture: Floats, places: Floats) -> Floats:
     return total
 
 
-def catmull_rom(picture: Floats, places: Floats) -> Floats:
-    """The picture (height, width, n) at places, by Catmull-Rom splines, which blur less than bilinear weights."""
-    height, width = picture.shape[:2]
+def spline_coefficients(picture: Floats) -> Floats:
+    """The coefficients for `spline` of a picture (height, width, n): cubic B-splines that go through its pixels.
+
+    The recursive filter of Unser, "Splines: A Perfect Fit for Signal and Image Processing" (1999), as the finite filter
+    that it nearly is.
+    """
+    pole = np.sqrt(3) - 2
+    weights = -6 * pole / (1 - pole**2) * pole ** np.abs(np.arange(-_REACH, _REACH + 1))
+    weights /= weights.sum()
+    for axis in (0, 1):
+        margin = [(0, 0)] * 3
+        margin[axis] = (_REACH, _REACH)
+        padded = np.pad(picture, margin, mode="edge")
+        count = picture.shape[axis]
+        shifted = [np.take(padded, range(start, start + count), axis) for start in range(len(weights))]
+        picture = np.asarray(sum(w * part for w, part in zip(weights, shifted, strict=True)), np.float32)
+    return picture
+
+
+def spline(coefficients: Floats, places: Floats) -> Floats:
+    """The picture (height, width, n) of `spline_coefficients` at places. It blurs less than bilinear weights and
+    Catmull-Rom splines."""
+    height, width = coefficients.shape[:2]
     first = np.floor(places)
     across, down = (_spline_weights(places[..., axis] - first[..., axis]) for axis in (0, 1))
     rows = [np.clip(first[..., 1] + step, 0, height - 1).astype(np.intp) for step in (-1, 0, 1, 2)]
     columns = [np.clip(first[..., 0] + step, 0, width - 1).astype(np.intp) for step in (-1, 0, 1, 2)]
-    total = np.zeros((*places.shape[:2], picture.shape[2]), np.float32)
+    total = np.zeros((*places.shape[:2], coefficients.shape[2]), np.float32)
     for row, row_weight in zip(rows, down, strict=True):
         for column, column_weight in zip(columns, across, strict=True):
-            total += (row_weight * column_weight)[..., None] * picture[row, column]
+            total += (row_weight * column_weight)[..., None] * coefficients[row, column]
     return total
 
 
 def _spline_weights(share: Floats) -> tuple[Any, ...]:
-    square = share * share
-    cube = square * share
-    return (
-        (2 * square - cube - share) / 2,
-        (3 * cube - 5 * square + 2) / 2,
-        (4 * square - 3 * cube + share) / 2,
-        (cube - square) / 2,
-    )
+    rest = 1 - share
+    return (rest**3 / 6, (3 * share**3 - 6 * share**2 + 4) / 6, (3 * rest**3 - 6 * rest**2 + 4) / 6, share**3 / 6)
 
 
 def box_mean(values: Floats, radius: int) -> Floats:

@@ -18,7 +18,15 @@ from numpy.typing import NDArray
 
 from solari_vk.output import oidn
 from solari_vk.output.sequences.motion import inverted
-from solari_vk.output.sequences.resample import bilinear, bilinear_taps, box_mean, catmull_rom, nearest, pixel_grid
+from solari_vk.output.sequences.resample import (
+    bilinear,
+    bilinear_taps,
+    box_mean,
+    nearest,
+    pixel_grid,
+    spline,
+    spline_coefficients,
+)
 
 Floats = NDArray[np.float32]
 _LEAST_ALBEDO = 0.05  # light is radiance over albedo: of darker surfaces it would be all noise
@@ -42,6 +50,8 @@ class Prepared:
 
     clean: Floats
     """(height, width, 3), by OIDN."""
+    coefficients: Floats
+    """Of the splines through it."""
     tests: Floats
     """(height, width, 8): light, albedo, and the variance of the noise of each."""
     normal: Floats | None
@@ -59,7 +69,8 @@ class Prepared:
         """Some rows of it, without motion."""
         normal = None if self.normal is None else self.normal[first:last]
         depth = None if self.log_depth is None else self.log_depth[first:last]
-        return Prepared(self.clean[first:last], self.tests[first:last], normal, depth, None, None)
+        clean, tests = self.clean[first:last], self.tests[first:last]
+        return Prepared(clean, self.coefficients[first:last], tests, normal, depth, None, None)
 
 
 def prepare(
@@ -83,7 +94,7 @@ def prepare(
     tests[..., :3] = clean / divisor
     tests[..., 6] = box_mean((((color - clean) / divisor) ** 2).mean(axis=-1), _NOISE_RADIUS)
     log_depth = None if depth is None else np.log(np.clip(depth, 1e-6, 1e6))
-    return Prepared(clean, tests, smooth_normal, log_depth, to_previous, to_next)
+    return Prepared(clean, spline_coefficients(clean), tests, smooth_normal, log_depth, to_previous, to_next)
 
 
 class Blend(NamedTuple):
@@ -117,7 +128,7 @@ def _blended_rows(window: Mapping[int, Prepared], middle: int, first: int, last:
     for number, places, inside in _trajectories(window, middle, first, last):
         other = window[number]
         weight = inside * _surface_share(frame, other, places) * _agreement(frame, other, places)
-        value = catmull_rom(other.clean, places)
+        value = spline(other.coefficients, places)
         total += weight[..., None] * value
         squared += weight * (value**2).mean(axis=-1)
         weights += weight
