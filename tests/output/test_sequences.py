@@ -105,6 +105,15 @@ def test_light_that_changes_isnt_averaged() -> None:
     assert np.all(np.abs(ratio - 1) < 0.12), ratio
 
 
+def test_lamps_leave_no_dark_rims() -> None:
+    """Splines through a lamp of a thousand times the light swing below zero beside it."""
+    truth, arrays = wall()
+    lamp = np.all(np.abs(arrays["position"] - np.float32([28, -20, 0])) < 3, axis=-1)
+    arrays["color"] = np.where(lamp[..., None], np.float32(1000), truth)
+    found = sv.denoise(arrays["color"], **given(arrays)).frames
+    assert found.min() > 0.5 * truth.min()
+
+
 @pytest.mark.parametrize(
     ("flip", "meant"),
     [((-1, -1), "from-previous,y-down"), ((1, -1), "to-previous,y-up"), ((-1, 1), "from-previous,y-up")],

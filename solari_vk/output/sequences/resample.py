@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 Floats = NDArray[np.float32]
 Whole = NDArray[np.intp]
+_SWING = np.float32(1.25)
 _REACH = 6  # pixels: beyond it the filter's weights are below 0.001
 
 
@@ -79,6 +80,14 @@ def spline(coefficients: Floats, places: Floats) -> Floats:
         for column, column_weight in zip(columns, across, strict=True):
             total += (row_weight * column_weight)[..., None] * coefficients[row, column]
     return total
+
+
+def limited(values: Floats, picture: Floats, places: Floats) -> Floats:
+    """Values at places, near the range of the four pixels of a picture around each: splines swing about lamps, and
+    would leave black pixels beside them."""
+    taps = [picture[rows, columns] for rows, columns, _ in bilinear_taps(places, *picture.shape[:2])]
+    found: Floats = np.clip(values, np.min(taps, axis=0) / _SWING, np.max(taps, axis=0) * _SWING)
+    return found
 
 
 def _spline_weights(share: Floats) -> tuple[Any, ...]:

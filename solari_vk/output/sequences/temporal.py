@@ -22,6 +22,7 @@ from solari_vk.output.sequences.resample import (
     bilinear,
     bilinear_taps,
     box_mean,
+    limited,
     nearest,
     pixel_grid,
     spline,
@@ -128,7 +129,7 @@ def _blended_rows(window: Mapping[int, Prepared], middle: int, first: int, last:
     for number, places, inside in _trajectories(window, middle, first, last):
         other = window[number]
         weight = inside * _surface_share(frame, other, places) * _agreement(frame, other, places)
-        value = spline(other.coefficients, places)
+        value = limited(spline(other.coefficients, places), other.clean, places)
         total += weight[..., None] * value
         squared += weight * (value**2).mean(axis=-1)
         weights += weight
