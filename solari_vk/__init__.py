@@ -2,6 +2,10 @@
 
     import solari_vk as sv
 
+    sv.render("model.glb", (640, 360)).save("picture.png")
+
+or, frame by frame:
+
     scene = sv.builtin("cornell_box")
     with sv.Device() as device, sv.Renderer(device, scene, (640, 360)) as renderer:
         for _ in range(24):  # light accumulates over frames
@@ -118,6 +122,9 @@ if TYPE_CHECKING:
     from solari_vk.scene.shutter import Shutter as Shutter
     from solari_vk.settings import Settings as Settings
     from solari_vk.studio import notebook as notebook
+    from solari_vk.studio.one_line import render as render
+    from solari_vk.studio.one_line import serve as serve
+    from solari_vk.studio.one_line import view as view
     from solari_vk.studio.viewer.app import Viewer as Viewer
 
 

@@ -13,6 +13,7 @@ from solari_vk.gpu.device.compile_notes import CompileNotes
 
 UNLIMITED = 1 << 24  # frames or samples: more than anybody waits for
 LINE_SECONDS = 5.0  # between lines where no bar can be shown
+NOTEBOOK_LINE_SECONDS = 0.5
 
 
 class Stopped(Exception):
@@ -36,12 +37,25 @@ class Progress:
     total: the number of units, None if it isn't known. Call it with the number of units that are done, and the
     picture's estimated error if there is an estimate. The call raises Stopped after Ctrl-C, or `time_limit` seconds
     after the first call: the time before it, in which a driver compiles, doesn't count. A second Ctrl-C ends the
-    program. notes: what is compiled meanwhile is shown beside the bar.
+    program. notes: what is compiled meanwhile is shown beside the bar. stops: whether Ctrl-C raises Stopped; without it
+    Python raises KeyboardInterrupt as ever. shown: whether anything is shown.
     """
 
     def __init__(
-        self, unit: str, total: int | None, time_limit: float | None = None, notes: CompileNotes | None = None
+        self,
+        unit: str,
+        total: int | None,
+        time_limit: float | None = None,
+        notes: CompileNotes | None = None,
+        *,
+        stops: bool = True,
+        shown: bool = True,
     ) -> None:
+        self._stops = stops
+        self._shown = shown
+        # A notebook's standard error is no terminal, but a line there can be written again.
+        self._in_notebook = "ipykernel" in sys.modules
+        self._line_seconds = NOTEBOOK_LINE_SECONDS if self._in_notebook else LINE_SECONDS
         self._unit = unit
         self._total = total
         self._time_limit = time_limit
@@ -54,8 +68,9 @@ class Progress:
 
     def __enter__(self) -> Progress:
         # Python's own handler would raise KeyboardInterrupt within a frame, whose pictures would be lost.
-        self._previous_handler = signal.signal(signal.SIGINT, self._interrupt)
-        if sys.stderr.isatty():
+        if self._stops:
+            self._previous_handler = signal.signal(signal.SIGINT, self._interrupt)
+        if self._shown and sys.stderr.isatty():
             # On standard error, since standard output may be read by a program.
             from rich.console import Console
             from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
@@ -69,7 +84,8 @@ class Progress:
         return self
 
     def __exit__(self, *_: object) -> None:
-        signal.signal(signal.SIGINT, self._previous_handler)
+        if self._stops:
+            signal.signal(signal.SIGINT, self._previous_handler)
         if self._bar is not None:
             self._bar.stop()
             if self._notes is not None:
@@ -91,11 +107,11 @@ class Progress:
             raise Stopped(f"the time limit is over: keeping {done} {self._unit}")
         if self._bar is not None:
             self._bar.update(self._task, completed=done, description=error_text(error))
-        elif time.monotonic() - self._last_line > LINE_SECONDS:
+        elif self._shown and time.monotonic() - self._last_line > self._line_seconds:
             self._last_line = time.monotonic()
             of = "" if self._total is None else f" of {self._total}"
             text = f"{done}{of} {self._unit}, {self.seconds:.0f} s{error_text(error)}"
-            print(text, file=sys.stderr, flush=True)
+            print(text, end="\r" if self._in_notebook else "\n", file=sys.stderr, flush=True)
 
     def _describe(self, text: str) -> None:
         self._bar.update(self._task, description=text)

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+import importlib
 import math
 import operator
 import os
+import sys
 import warnings
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Any, Protocol, Self
+from typing import Any, NoReturn, Protocol, Self
 
 import numpy as np
 from numpy.typing import NDArray
+from PIL import Image, ImageShow
 
 from solari_vk.base.errors import Hints, SolariError, checked_keywords, quoted, unknown_name, warn
 from solari_vk.base.files import followed
@@ -114,6 +117,11 @@ class RenderedFrame(Hints):
             raise unknown_name("RenderedFrame.filtered: there is no mean of", name, names)
         [mean] = self._renderer.first_hits.read_means([name], self._projection, self.size)
         return mean
+
+    def __getattr__(self, name: str) -> NoReturn:
+        if not name.startswith("_") and name in self:
+            raise AttributeError(f'RenderedFrame has no attribute \'{name}\': write frame["{name}"]')
+        super().__getattr__(name)
 
     def keys(self) -> list[str]:
         """The names of the results."""
@@ -306,6 +314,15 @@ class RenderedFrame(Hints):
                 factor = self._exposure_factor(radiance, None, self._renderer.tonemap)
             # The inverse of exposure_of.
             self.camera.ev100 = -math.log2(1.2 * factor)
+
+    def show(self) -> None:
+        """Show the picture below a notebook's cell, or in the desktop's program for it. Raises SolariError where there
+        is none."""
+        if "ipykernel" in sys.modules:
+            display = importlib.import_module("IPython.display").display
+            display(self)
+        elif not ImageShow.show(Image.fromarray(self.image())):
+            raise SolariError('show: no program shows pictures here: write it by frame.save("picture.png")')
 
     def _repr_png_(self) -> bytes:
         """The picture as notebooks show it: what `save` writes as a .png, without its warnings."""

@@ -42,13 +42,26 @@ def _view(position: ArrayLike, target: ArrayLike, up: ArrayLike) -> NDArray[np.f
     if not np.isfinite(lengths).all():
         raise SolariError("Camera: position, target and up must be finite and not too far apart")
     if 0 in lengths:
-        raise SolariError("Camera: position and target must differ, and up must not lie along the view")
+        raise SolariError(
+            "Camera: position and target must differ, and up must not lie along the view: a camera that looks straight "
+            "down needs another, such as up=(0, 0, -1)"
+        )
     transform = np.eye(4)
     transform[:3, 2] = back / lengths[0]
     transform[:3, 0] = right / lengths[1]
     transform[:3, 1] = np.cross(transform[:3, 2], transform[:3, 0])
     transform[:3, 3] = eye
     return transform
+
+
+def _aimed(fields: dict[str, Any], current: Camera | None) -> dict[str, Any]:
+    """Fields with a transform in place of position, look_at and up. current: the camera that is changed, if one is."""
+    if "look_at" not in fields:
+        raise SolariError("Camera: up goes with look_at: Camera(position=(0, 1, 3), look_at=(0, 1, 0), up=(0, 1, 0))")
+    if fields.keys() & {"transform", "rotation"}:
+        raise SolariError("Camera: look_at turns the camera: leave transform and rotation out, and give position")
+    position = fields.pop("position", np.zeros(3) if current is None else current.position)
+    return fields | {"transform": _view(position, fields.pop("look_at"), fields.pop("up", (0, 1, 0)))}
 
 
 def _projection(value: Any) -> str:
@@ -112,7 +125,8 @@ class Camera(Checked, Placed, Calibrated):
     """A camera looking along its -z axis, +y up: perspective, or orthographic if it has an orthographic_height.
 
     transform is world from camera, (4, 4), or just a position (3,) in meters; `position` and `rotation` are its parts,
-    which the constructor takes too. vertical_fov is in radians (`math.radians(45)`); fov, in its place, is the same
+    which the constructor takes too; in place of a rotation it takes the point that the camera looks at, as in
+    Camera(position=(0, 1, 3), look_at=(0, 1, 0), fov=50), and `up`. vertical_fov is in radians (`math.radians(45)`); fov, in its place, is the same
     angle in degrees. orthographic_height is the height of the picture in meters; 0 means perspective. Surfaces closer
     than near, in meters, are not shown. ev100 is the exposure value at ISO 100: pictures show radiance / (1.2 *
     2^ev100). While nobody sets it, it is 0, and pictures that would be clearly too bright or too dark are shown and
@@ -173,7 +187,7 @@ class Camera(Checked, Placed, Calibrated):
         "aperture_rotation": checks.number(-1e6, 1e6, "radians"),
     }
 
-    _derived = ("position", "rotation", "fov")
+    _derived = ("position", "rotation", "fov", "look_at", "up")
     _place = resolved
 
     @classmethod
@@ -188,6 +202,8 @@ class Camera(Checked, Placed, Calibrated):
             fov = math.degrees(fields["vertical_fov"])
             if fov < LIKELY_RADIANS:
                 warn(f"Camera: fov is in degrees, and {fov:g} is a telescope's: in radians it is vertical_fov={fov:g}")
+        if "look_at" in fields or "up" in fields:
+            fields = _aimed(fields, current)
         return cls._place(fields, current) if fields.keys() & {"transform", *PARTS} else fields
 
     @_Placing

@@ -6,6 +6,7 @@ import asyncio
 import secrets
 import socket
 import sys
+from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
@@ -81,8 +82,8 @@ def _check_screenshot(job: ViewJob, path: Path) -> None:
         raise SolariError(f"--screenshot {path}: is taken after --frames: give their number too")
 
 
-def serve(job: ServeJob) -> None:
-    """Serve browsers until Ctrl-C."""
+def serve(job: ServeJob, scene: LoadedScene | None = None, on_start: Callable[[str], None] | None = None) -> None:
+    """Serve browsers until Ctrl-C. scene: by default the job's source. on_start: is called with the address."""
     try:
         from solari_vk.studio.browser.server import is_loopback, listen, run_server
     except ImportError as error:
@@ -98,12 +99,15 @@ def serve(job: ServeJob) -> None:
         token = secrets.token_urlsafe(TOKEN_BYTES)
     # The port is taken before the scene is loaded, so that a port in use is reported at once.
     with listen(job.host, job.port) as sock:
-        loaded = load_scene(job)
+        loaded = load_scene(job) if scene is None else scene
         hub = Hub(lambda: _open_screens(job, loaded), job.shared)
 
         def started() -> None:
-            print(f"serving {job.source} with {hub.about['device']}: {_address(job.host, sock, token)}", flush=True)
+            address = _address(job.host, sock, token)
+            print(f"serving {job.source} with {hub.about['device']}: {address}", flush=True)
             print("Ctrl-C ends it", file=sys.stderr)
+            if on_start is not None:
+                on_start(address)
 
         asyncio.run(run_server(hub, sock, token, started))
 

@@ -1,0 +1,212 @@
+"""`render`, `view` and `serve`: a picture, a window or a page by one line. They open the device themselves."""
+
+from __future__ import annotations
+
+import asyncio
+import atexit
+import os
+import threading
+import weakref
+from collections import deque
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+
+from solari_vk.base.errors import SolariError, checked_keywords, quoted, unknown_name, warn
+from solari_vk.cli.progress import Progress
+from solari_vk.gpu.device.device import Device
+from solari_vk.output import oidn
+from solari_vk.renderers.path_tracer import PathTracer
+from solari_vk.renderers.renderer import Renderer
+from solari_vk.renderers.results import RenderedFrame
+from solari_vk.scene.load import open as open_scene
+from solari_vk.scene.model import Camera, Scene
+
+if TYPE_CHECKING:
+    ScenePath = Scene | str | os.PathLike[str]
+
+MODES = ("auto", "realtime", "reference")
+REALTIME_FRAMES = 48  # light has gathered by then
+SAMPLES = 256
+DENOISED_SAMPLES = 48
+
+_devices: dict[int, Device] = {}  # by thread: a device is used in one
+_unused: deque[PathTracer | Renderer] = deque()  # renderers of frames that are gone
+
+
+# ---- what is kept between calls ---------------------------------------------------------------------
+
+
+def kept_device() -> Device:
+    """The device of `render` and `view`. The first call in a thread opens it; it is closed when Python ends. A lost or
+    closed device is replaced by a new one. Raises DeviceError when no device fits."""
+    key = threading.get_ident()
+    device = _devices.get(key)
+    if device is not None and (device.lost or device.closed):
+        del _devices[key]
+        device.close()
+        device = None
+    if device is None:
+        device = _devices[key] = Device()
+    return device
+
+
+@atexit.register
+def _close_devices() -> None:
+    for device in _devices.values():
+        device.close()
+
+
+class _LastingSource:
+    """The renderer of one frame, which is closed once the frame is gone; see `results.Source`."""
+
+    def __init__(self, renderer: PathTracer | Renderer) -> None:
+        self.renderer = renderer
+        # Collected objects end in any thread, so the renderer is closed by a later call of `render`.
+        weakref.finalize(self, _unused.append, renderer).atexit = False
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self.renderer, name)
+
+    def check_latest(self, frame: RenderedFrame, name: str) -> None:
+        """Raise SolariError if the device was closed. The renderer makes no other frame."""
+        self.renderer.device.check_open()
+
+
+def _lasting(renderer: PathTracer | Renderer, frame: RenderedFrame) -> RenderedFrame:
+    """A frame that can be read for as long as somebody has it."""
+    source: Any = _LastingSource(renderer)
+    return RenderedFrame(source, frame.camera, frame._projection, frame._timeline_value)
+
+
+# ---- the functions ----------------------------------------------------------------------------------
+
+
+def _opened(who: str, scene: ScenePath) -> Scene:
+    """The scene, of a path the file framed and lit."""
+    if isinstance(scene, Scene):
+        return scene
+    if isinstance(scene, str | os.PathLike):
+        return open_scene(scene)
+    raise SolariError(
+        f"{who}: the first argument is a Scene, the path of a file or builtin:NAME, not {quoted(scene)}; a mesh is "
+        "added to a scene: scene = solari_vk.Scene(); scene.add(mesh); solari_vk.studio_lights(scene)"
+    )
+
+
+@checked_keywords(who="solari_vk")
+def render(
+    scene: ScenePath,
+    size: tuple[int, int] = (640, 360),
+    samples: int | None = None,
+    *,
+    denoise: bool = True,
+    camera: Camera | None = None,
+    mode: str = "auto",
+    seed: int = 0,
+    progress: bool = True,
+    device: Device | None = None,
+) -> RenderedFrame:
+    """A picture of a scene, or of a file as `open` frames and lights it: `render("model.glb").save("picture.png")`.
+
+    size: (width, height) in pixels. samples: per pixel, of the path tracer; by default 48 with denoise, else 256.
+    denoise: by Intel Open Image Denoise (the extra `oidn`); realtime frames have a denoiser of their own. camera: by
+    default the scene's. mode: "reference" is the path tracer, "realtime" the realtime renderer; "auto" is the path
+    tracer, but the realtime renderer where neither samples are given nor OIDN is installed. progress: show it on
+    standard error, in terminals as a bar. device: by default one that is opened by the first call and kept for later
+    ones. The frame can be read for as long as it exists, also after later calls. Many pictures of one scene are
+    quicker with one PathTracer or Renderer. Raises SolariError as these do.
+    """
+    if mode not in MODES:
+        raise unknown_name("solari_vk.render: there is no mode", mode, MODES)
+    opened = _opened("solari_vk.render", scene)
+    has_oidn = oidn.is_installed()
+    if mode == "auto":
+        mode = "realtime" if samples is None and denoise and not has_oidn else "reference"
+    if mode == "realtime" and samples is not None:
+        raise SolariError('solari_vk.render: realtime frames have no samples: leave them out, or mode="realtime"')
+    if mode == "reference" and denoise and not has_oidn:
+        warn("the picture isn't denoised: install \"pip install 'solari-vk[oidn]'\", or give denoise=False")
+        denoise = False
+    if samples is None:
+        samples = DENOISED_SAMPLES if denoise else SAMPLES
+    if device is None:
+        device = kept_device()
+    while _unused:
+        _unused.popleft().close()
+    if mode == "realtime":
+        return _render_realtime(device, opened, size, camera, seed, progress)
+    tracer = PathTracer(device, opened, size, seed=seed)
+    try:
+        with Progress("samples a pixel", samples, stops=False, shown=progress) as shown:
+            frame = tracer.render(camera, samples, denoise=denoise, progress=shown)
+    except BaseException:
+        tracer.close()
+        raise
+    return _lasting(tracer, frame)
+
+
+def _render_realtime(
+    device: Device, scene: Scene, size: tuple[int, int], camera: Camera | None, seed: int, progress: bool
+) -> RenderedFrame:
+    renderer = Renderer(device, scene, size, seed=seed)
+    try:
+        with Progress("frames", REALTIME_FRAMES, stops=False, shown=progress) as shown:
+            for number in range(REALTIME_FRAMES):
+                frame = renderer.render(camera)
+                shown(number + 1)
+    except BaseException:
+        renderer.close()
+        raise
+    return _lasting(renderer, frame)
+
+
+@checked_keywords(who="solari_vk")
+def view(
+    scene: ScenePath,
+    size: tuple[int, int] = (1280, 720),
+    *,
+    camera: Camera | None = None,
+    mode: str = "realtime",
+    device: Device | None = None,
+) -> None:
+    """Show a scene, or a file as `open` gives it, in a window until it is closed. mode: that of `Viewer`, which has
+    further options. device: by default that of `render`. Raises SolariError where no window can be opened."""
+    from solari_vk.studio.viewer.app import Viewer
+
+    opened = _opened("solari_vk.view", scene)
+    with Viewer(device or kept_device(), opened, size=size, camera=camera, mode=mode) as viewer:
+        viewer.run()
+
+
+@checked_keywords(who="solari_vk")
+def serve(
+    scene: ScenePath,
+    size: tuple[int, int] = (1280, 720),
+    *,
+    camera: Camera | None = None,
+    mode: str = "realtime",
+    host: str = "127.0.0.1",
+    port: int = 8765,
+    started: Callable[[str], None] | None = None,
+) -> None:
+    """Show a scene, or a file as `open` gives it, in browsers until Ctrl-C; the address is printed.
+
+    mode: "realtime", "reference" or "split". host, port: where to listen; other addresses than this machine's own get a
+    token, which is printed with the address. started: is called with the address. `solari-vk serve` has further
+    options. Raises SolariError in a notebook, which has `notebook.show`, for a port in use, and without the extra
+    `serve`.
+    """
+    from solari_vk.cli.loading import LoadedScene
+    from solari_vk.studio import commands
+    from solari_vk.studio.jobs import ServeJob
+
+    try:
+        asyncio.get_running_loop()
+    except RuntimeError:
+        pass
+    else:
+        raise SolariError("solari_vk.serve: a notebook shows solari_vk.notebook.show(renderer), of a Renderer")
+    opened = _opened("solari_vk.serve", scene)
+    front = camera or opened.camera_for(size[0] / size[1])
+    job = ServeJob(source=opened.name or "scene", size=size, mode=mode, host=host, port=port)
+    commands.serve(job, LoadedScene(opened, [front], front.auto_exposure, None), started)
