@@ -200,6 +200,12 @@ def checked_keywords(
     return decorate
 
 
+def checked_constructor(kind: type[Result]) -> type[Result]:
+    """A decorator of classes, outside of `dataclass`: their constructors raise the errors of `checked_keywords`."""
+    setattr(kind, "__init__", checked_keywords()(kind.__init__))  # noqa: B010
+    return kind
+
+
 class _Signature:
     """The parameters of a method, or of a function of the module `who`, and the errors for calls that don't fit."""
 
@@ -213,6 +219,7 @@ class _Signature:
         self._names = [p.name for p in parameters if p.kind not in (p.VAR_POSITIONAL, p.VAR_KEYWORD)]
         self._in_order = [p.name for p in parameters if p.kind in (p.POSITIONAL_ONLY, p.POSITIONAL_OR_KEYWORD)]
         self._takes_any_count = any(p.kind == p.VAR_POSITIONAL for p in parameters)
+        self._takes_any_name = any(p.kind == p.VAR_KEYWORD for p in parameters)
         self._needed = [p.name for p in parameters if p.default is p.empty and p.name in self._names]
 
     def check(self, values: Sequence[Any], options: Mapping[str, object]) -> None:
@@ -220,9 +227,10 @@ class _Signature:
         owner = self._who or type(values[0]).__name__
         positional = values if self._who else values[1:]
         for name in options:
-            if name not in self._names:
+            if name not in self._names and not self._takes_any_name:
                 error = unknown_name(f"{owner}{self._suffix} has no option", name, self._names)
-                raise SolariError(f"{error}; {self._hint}" if self._hint else str(error))
+                advised = advice_for(f"{owner}{self._suffix}", name.lower())
+                raise SolariError(f"{error}; {self._hint}" if self._hint and not advised else str(error))
         if not self._takes_any_count:
             check_count(owner, self._suffix, positional, self._in_order, self._names)
         # Python's own TypeError for them wouldn't say what else the function takes.
@@ -230,7 +238,10 @@ class _Signature:
         missing = [name for name in self._needed if name not in given]
         if missing:
             takes = ", ".join(self._names)
-            raise SolariError(f"{owner}{self._suffix} needs {', '.join(missing)}: it takes ({takes})")
+            example = advice_for(f"{owner}{self._suffix}", "()")
+            raise SolariError(
+                f"{owner}{self._suffix} needs {', '.join(missing)}: it takes ({takes})" + (example and f"; {example}")
+            )
 
 
 def check_count(

@@ -8,7 +8,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from solari_vk.base.errors import SolariError, checked_keywords
+from solari_vk.base.errors import SolariError, checked_constructor, checked_keywords
 from solari_vk.batch import view_cameras
 from solari_vk.batch.batch_renderers import BatchPathTracer, BatchRenderer, WorldBindings
 from solari_vk.batch.many_frames import WHERE as RENDER_MANY
@@ -58,6 +58,7 @@ SHADER = "passes/batch/labels.comp"
 VIEWS_LOOKED_AT = 4
 
 
+@checked_constructor
 class Batch(BatchResults):
     """Renders many views of a scene in one frame. A context manager.
 

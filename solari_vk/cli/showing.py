@@ -3,18 +3,15 @@
 from __future__ import annotations
 
 import logging
-import os
-import shutil
-import subprocess
 import sys
 from importlib.util import find_spec
 from pathlib import Path
 
 from solari_vk.base.errors import SolariError
+from solari_vk.output.picture import open_on_desktop
 
 SUFFIXES = (".png", ".gif")
 SPARE_LINES = 2  # for the prompt and the line above the picture
-PATIENCE = 5.0  # seconds to wait for an error; on some desktops xdg-open stays until its program is closed
 
 
 # ---- the desktop ------------------------------------------------------------------------------------
@@ -22,28 +19,9 @@ PATIENCE = 5.0  # seconds to wait for an error; on some desktops xdg-open stays 
 
 def open_file(path: Path) -> None:
     """Open a file in the desktop's program for its kind. Where that isn't possible, standard error says why."""
-    reason = _open_on_desktop(path)
+    reason = open_on_desktop(path)
     if reason:
         print(f"--open: {path} is written, but not shown: {reason}", file=sys.stderr)
-
-
-def _open_on_desktop(path: Path) -> str:
-    """Open a file; returns what went wrong, "" if nothing did."""
-    if not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
-        return "this session has no desktop (DISPLAY and WAYLAND_DISPLAY aren't set)"
-    command = shutil.which("xdg-open")
-    if command is None:
-        return "xdg-open is missing: install xdg-utils"
-    # In a session of its own, so that Ctrl-C in the terminal doesn't close the program that shows the picture.
-    none = subprocess.DEVNULL
-    process = subprocess.Popen(
-        [command, str(path.resolve())], stdin=none, stdout=none, stderr=none, start_new_session=True
-    )
-    try:
-        status = process.wait(PATIENCE)
-    except subprocess.TimeoutExpired:
-        return ""
-    return f"xdg-open found no program for {path.suffix} files (exit status {status})" if status else ""
 
 
 # ---- the terminal -----------------------------------------------------------------------------------

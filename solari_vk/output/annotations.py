@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from solari_vk.base.errors import SolariError, quoted, unknown_name
+from solari_vk.base.errors import SolariError, checked_constructor, checked_keywords, quoted, unknown_name
 from solari_vk.scene.model import Instance
 
 NO_INSTANCE = 2**32 - 1
@@ -49,6 +49,7 @@ def run_lengths(mask: NDArray[np.bool_]) -> list[int]:
     return [int(length) for length in np.diff([0, *ends, mask.size])]
 
 
+@checked_keywords(who="solari_vk")
 def instance_table(instances: Mapping[int, Instance], labels: Mapping[int, str]) -> dict[str, Any]:
     """What the numbers in `instance_id` mean, for a JSON file. labels: of the instances.
 
@@ -83,6 +84,7 @@ def checked_classes(classes: Any) -> list[str]:
     return found
 
 
+@checked_keywords(who="solari_vk")
 def merge_coco(parts: Iterable[Mapping[str, Any]]) -> dict[str, Any]:
     """One data set in COCO's format of several: what `Annotations.coco` returned, or json.load of annotations.json.
 
@@ -128,6 +130,7 @@ def _add_coco(
         merged["annotations"].append({**found, **of, "id": len(merged["annotations"]) + 1})
 
 
+@checked_constructor
 class Annotations:
     """Annotations of pictures of one scene; instances without a label have none. labels: of instances by number, such
     as `frame.labels`. keypoints: the names of instances' keypoints by number. objects: the numbers of each object's

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from solari_vk.base.errors import SolariError, quoted, warn
+from solari_vk.base.errors import SolariError, checked_keywords, quoted, warn
 from solari_vk.base.files import followed
 from solari_vk.output.picture import EIGHT_BIT, check_output, write_codes
 from solari_vk.output.tone_mapping import auto_exposure, unseen
@@ -35,6 +35,7 @@ class Difference(NamedTuple):
     package flip-evaluator. Andersson et al., "Visualizing Errors in Rendered High Dynamic Range Images" (2021)."""
 
 
+@checked_keywords(who="solari_vk")
 def compare(
     picture: Any, reference: Any, *, exposure: float | None = None, heatmap: str | os.PathLike[str] | None = None
 ) -> Difference:

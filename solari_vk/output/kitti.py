@@ -13,13 +13,14 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from solari_vk.base.errors import SolariError
+from solari_vk.base.errors import SolariError, checked_keywords
 from solari_vk.base.files import followed, write_whole
 
 LARGEST_FLOW = 512.0  # pixels
 LARGEST_DISPARITY = 256.0
 
 
+@checked_keywords(who="solari_vk")
 def save_kitti_flow(path: str | os.PathLike[str], flow: ArrayLike, valid: ArrayLike | None = None) -> None:
     """Write optical flow (height, width, 2) in pixels as KITTI's .png.
 
@@ -38,6 +39,7 @@ def save_kitti_flow(path: str | os.PathLike[str], flow: ArrayLike, valid: ArrayL
     write_whole(followed(Path(path)), png_16(pixels.astype(np.uint16)))
 
 
+@checked_keywords(who="solari_vk")
 def save_kitti_disparity(path: str | os.PathLike[str], disparity: ArrayLike, valid: ArrayLike | None = None) -> None:
     """Write disparity (height, width) in pixels as KITTI's .png, in steps of 1/256 pixel.
 

@@ -11,7 +11,7 @@ from numbers import Real
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from solari_vk.base.errors import SolariError, quoted
+from solari_vk.base.errors import SolariError, checked_keywords, quoted
 from solari_vk.base.files import followed, whole_file
 
 if TYPE_CHECKING:
@@ -27,6 +27,7 @@ def check_encoder(path: Path) -> None:
         _find_ffmpeg(path)
 
 
+@checked_keywords(who="solari_vk")
 def save_video(path: str | os.PathLike[str], pictures: Iterable[NDArray[np.uint8]], fps: float = 24) -> None:
     """Write pictures (height, width, 3) of sRGB codes, such as those of `frame.image()`, as an .mp4 or a .gif.
 

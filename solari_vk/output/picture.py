@@ -5,6 +5,8 @@ from __future__ import annotations
 import errno
 import io
 import os
+import shutil
+import subprocess
 import zipfile
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -24,8 +26,10 @@ EIGHT_BIT = (".png", *JPEG)
 WITH_ALPHA = (".png", ".exr")
 WITH_LAYERS = (".exr", ".npz")  # others have a file beside them for each layer
 SUFFIXES = (*EIGHT_BIT, *WITH_LAYERS, ".npy")
+PATIENCE = 5.0  # seconds to wait for an error; on some desktops xdg-open stays until its program is closed
 
 
+@checked_keywords(who="solari_vk")
 def check_output(path: str | os.PathLike[str], suffixes: Sequence[str] = SUFFIXES) -> None:
     """Raise SolariError if the path has none of the suffixes, or if no file can be written there."""
     target = Path(path)
@@ -216,3 +220,22 @@ def _channels(name: str, layer: NDArray[Any]) -> dict[str, NDArray[Any]]:
     is_vector = layer.shape[2] == 2 or any(word in name for word in ("normal", "position", "motion", "direction"))
     letters = "XYZW" if is_vector else "RGBA"
     return {f"{name}.{letters[i]}": layer[..., i] for i in range(layer.shape[2])}
+
+
+def open_on_desktop(path: Path) -> str:
+    """Open a file in the desktop's program for its kind; returns what went wrong, "" if nothing did."""
+    if not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
+        return "this session has no desktop (DISPLAY and WAYLAND_DISPLAY aren't set)"
+    command = shutil.which("xdg-open")
+    if command is None:
+        return "xdg-open is missing: install xdg-utils"
+    # In a session of its own, so that Ctrl-C in the terminal doesn't close the program that shows the picture.
+    none = subprocess.DEVNULL
+    process = subprocess.Popen(
+        [command, str(path.resolve())], stdin=none, stdout=none, stderr=none, start_new_session=True
+    )
+    try:
+        status = process.wait(PATIENCE)
+    except subprocess.TimeoutExpired:
+        return ""
+    return f"xdg-open found no program for {path.suffix} files (exit status {status})" if status else ""

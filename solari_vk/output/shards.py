@@ -13,12 +13,13 @@ from typing import Any
 
 import numpy as np
 
-from solari_vk.base.errors import SolariError
+from solari_vk.base.errors import SolariError, checked_keywords
 from solari_vk.base.files import make_folder, read_regular, whole_file
 
 SHARD = "{:06}.tar"
 
 
+@checked_keywords(who="solari_vk")
 def save_shards(
     folder: str | os.PathLike[str], samples: Iterable[tuple[str, Mapping[str, Any]]], *, per_shard: int = 1000
 ) -> list[Path]:

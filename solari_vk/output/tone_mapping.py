@@ -154,6 +154,7 @@ def encode_picture(radiance: ArrayLike, *, exposure: float = 1.0, curve: str = "
     return np.round(encoded * 255).astype(np.uint8)
 
 
+@checked_keywords(who="solari_vk")
 def auto_exposure(radiance: ArrayLike, surfaces: ArrayLike | None = None) -> float:
     """The EV100 that shows the log-average luminance of radiance (..., 3), in cd/m^2, as middle gray, 0.18.
 

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from solari_vk.base.errors import SolariError, quoted, unknown_name
+from solari_vk.base.errors import SolariError, checked_keywords, quoted, unknown_name
 from solari_vk.gpu.device.device import Device
 from solari_vk.output import oidn
 from solari_vk.output.tone_mapping import auto_exposure
@@ -69,6 +69,7 @@ def band_camera(camera: Camera, size: tuple[int, int], top: int, rows: int) -> C
     )
 
 
+@checked_keywords(who="solari_vk")
 def render_large(
     device: Device,
     scene: Scene,

@@ -7,14 +7,14 @@ import math
 import operator
 import os
 import sys
+import tempfile
 import warnings
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Any, NoReturn, Protocol, Self
+from typing import Any, Protocol, Self
 
 import numpy as np
 from numpy.typing import NDArray
-from PIL import Image, ImageShow
 
 from solari_vk.base.errors import Hints, SolariError, checked_keywords, quoted, unknown_name, warn
 from solari_vk.base.files import followed
@@ -23,7 +23,15 @@ from solari_vk.bound.projection import Projection
 from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.tensors.exports import CudaTensor
 from solari_vk.output.annotations import boxes, merged_ids
-from solari_vk.output.picture import EIGHT_BIT, check_alpha, png_bytes, save_image, write_beside, write_codes
+from solari_vk.output.picture import (
+    EIGHT_BIT,
+    check_alpha,
+    open_on_desktop,
+    png_bytes,
+    save_image,
+    write_beside,
+    write_codes,
+)
 from solari_vk.output.tone_mapping import encode_picture, misexposed, unseen
 from solari_vk.passes.first_hits import FIRST_HITS
 from solari_vk.renderers.first_hit_reader import FirstHitReader
@@ -117,11 +125,6 @@ class RenderedFrame(Hints):
             raise unknown_name("RenderedFrame.filtered: there is no mean of", name, names)
         [mean] = self._renderer.first_hits.read_means([name], self._projection, self.size)
         return mean
-
-    def __getattr__(self, name: str) -> NoReturn:
-        if not name.startswith("_") and name in self:
-            raise AttributeError(f'RenderedFrame has no attribute \'{name}\': write frame["{name}"]')
-        super().__getattr__(name)
 
     def keys(self) -> list[str]:
         """The names of the results."""
@@ -321,8 +324,12 @@ class RenderedFrame(Hints):
         if "ipykernel" in sys.modules:
             display = importlib.import_module("IPython.display").display
             display(self)
-        elif not ImageShow.show(Image.fromarray(self.image())):
-            raise SolariError('show: no program shows pictures here: write it by frame.save("picture.png")')
+            return
+        path = Path(tempfile.mkdtemp(prefix="solari_vk-")) / "picture.png"  # stays, for the program that shows it
+        self.save(path)
+        reason = open_on_desktop(path)
+        if reason:
+            raise SolariError(f'RenderedFrame.show: {reason}; frame.save("picture.png") writes the picture')
 
     def _repr_png_(self) -> bytes:
         """The picture as notebooks show it: what `save` writes as a .png, without its warnings."""

@@ -6,7 +6,7 @@ from collections.abc import Collection, Mapping, Sequence
 from contextlib import ExitStack
 from typing import Any
 
-from solari_vk.base.errors import Hints, SolariError
+from solari_vk.base.errors import Hints, SolariError, checked_constructor
 from solari_vk.bound.binder import SceneBinder
 from solari_vk.gpu.acceleration.checks import check_kind
 from solari_vk.gpu.device import raw
@@ -37,6 +37,7 @@ def bind_scene(
     return binder
 
 
+@checked_constructor
 class SceneFrame(Frame, Hints):
     """A frame of custom passes over a scene.
 

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from solari_vk.base.errors import SolariError, is_name, quoted, unknown_name
+from solari_vk.base.errors import SolariError, checked_keywords, is_name, quoted, unknown_name
 from solari_vk.scene import shapes
 from solari_vk.scene.checks import FloatArray
 from solari_vk.scene.matrices import rotation
@@ -388,6 +388,7 @@ _FUNCTIONS: tuple[Callable[..., Scene], ...] = (
 SCENES = {function.__name__: function for function in _FUNCTIONS}
 
 
+@checked_keywords(who="solari_vk")
 def builtin(name: str, **arguments: Any) -> Scene:
     """A built-in scene by name, with its function's arguments. Raises SolariError for an unknown name or argument."""
     if not is_name(name, SCENES):

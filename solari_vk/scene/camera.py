@@ -20,6 +20,7 @@ from solari_vk.scene.observable import Checked, checked
 from solari_vk.scene.placement import PARTS, Placed, resolved
 
 LIKELY_RADIANS = 2.0  # degrees: who gives a smaller `fov` most often means radians
+AIM = {"look_at", "target", "up"}
 MIN_HEIGHT = 1e-9  # meters, as of `near`: the matrices of smaller pictures overflow
 
 
@@ -56,12 +57,15 @@ def _view(position: ArrayLike, target: ArrayLike, up: ArrayLike) -> NDArray[np.f
 
 def _aimed(fields: dict[str, Any], current: Camera | None) -> dict[str, Any]:
     """Fields with a transform in place of position, look_at and up. current: the camera that is changed, if one is."""
-    if "look_at" not in fields:
-        raise SolariError("Camera: up goes with look_at: Camera(position=(0, 1, 3), look_at=(0, 1, 0), up=(0, 1, 0))")
+    targets = [fields.pop(name) for name in ("look_at", "target") if name in fields]
+    if len(targets) != 1:
+        raise SolariError(
+            "Camera: up goes with one look_at: Camera(position=(0, 1, 3), look_at=(0, 1, 0), up=(0, 1, 0))"
+        )
     if fields.keys() & {"transform", "rotation"}:
         raise SolariError("Camera: look_at turns the camera: leave transform and rotation out, and give position")
     position = fields.pop("position", np.zeros(3) if current is None else current.position)
-    return fields | {"transform": _view(position, fields.pop("look_at"), fields.pop("up", (0, 1, 0)))}
+    return fields | {"transform": _view(position, targets[0], fields.pop("up", (0, 1, 0)))}
 
 
 def _projection(value: Any) -> str:
@@ -125,10 +129,10 @@ class Camera(Checked, Placed, Calibrated):
     """A camera looking along its -z axis, +y up: perspective, or orthographic if it has an orthographic_height.
 
     transform is world from camera, (4, 4), or just a position (3,) in meters; `position` and `rotation` are its parts,
-    which the constructor takes too; in place of a rotation it takes the point that the camera looks at, as in
-    Camera(position=(0, 1, 3), look_at=(0, 1, 0), fov=50), and `up`. vertical_fov is in radians (`math.radians(45)`); fov, in its place, is the same
-    angle in degrees. orthographic_height is the height of the picture in meters; 0 means perspective. Surfaces closer
-    than near, in meters, are not shown. ev100 is the exposure value at ISO 100: pictures show radiance / (1.2 *
+    which the constructor takes too. In place of a rotation it takes the point to look at, and perhaps what is up:
+    Camera(position=(0, 1, 3), look_at=(0, 1, 0), fov=50). vertical_fov is in radians (`math.radians(45)`); fov is the
+    same angle in degrees. orthographic_height is the height of the picture in meters; 0 means perspective. Surfaces
+    closer than near, in meters, are not shown. ev100 is the exposure value at ISO 100: pictures show radiance / (1.2 *
     2^ev100). While nobody sets it, it is 0, and pictures that would be clearly too bright or too dark are shown and
     saved with another one, of which a warning tells. jitter (2,) shifts the picture, in pixels. aperture is the
     diameter of a thin lens in meters, which is focused at focus_distance, in meters along the view axis, of wide lenses
@@ -187,7 +191,7 @@ class Camera(Checked, Placed, Calibrated):
         "aperture_rotation": checks.number(-1e6, 1e6, "radians"),
     }
 
-    _derived = ("position", "rotation", "fov", "look_at", "up")
+    _derived = ("position", "rotation", "fov", "look_at", "target", "up")
     _place = resolved
 
     @classmethod
@@ -202,7 +206,7 @@ class Camera(Checked, Placed, Calibrated):
             fov = math.degrees(fields["vertical_fov"])
             if fov < LIKELY_RADIANS:
                 warn(f"Camera: fov is in degrees, and {fov:g} is a telescope's: in radians it is vertical_fov={fov:g}")
-        if "look_at" in fields or "up" in fields:
+        if not fields.keys().isdisjoint(AIM):
             fields = _aimed(fields, current)
         return cls._place(fields, current) if fields.keys() & {"transform", *PARTS} else fields
 

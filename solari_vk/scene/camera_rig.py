@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from solari_vk.base.errors import Hints, SolariError, quoted
+from solari_vk.base.errors import Hints, SolariError, checked_constructor, quoted
 from solari_vk.scene.camera import Camera
 from solari_vk.scene.placement import placed
 
@@ -23,6 +23,7 @@ FACES = {
 """Where the faces of a cube look, and what is up in their pictures."""
 
 
+@checked_constructor
 class CameraRig(Hints):
     """Cameras whose poses are relative to a body, which looks along its -z axis with y up, as cameras do.
 

@@ -21,7 +21,7 @@ from solari_vk.scene.objects import Instance
 from solari_vk.scene.placement import PARTS, Scaled, parts, placed
 
 KINDS = (Instance, PunctualLight, DirectionalLight, Portal, Camera)
-NAMES = ("label", "part_of")  # of instances
+NAMES = ("label", "part_of", "visible")  # of instances
 SHOWN = 4  # objects that the repr of a group names
 
 
@@ -30,10 +30,10 @@ class Group(Scaled, Hints):
 
     transform (4, 4) is the matrix from the group's space to the world. Assign it, or `position`, `rotation` or `scale`,
     and all objects move with it; they keep what was assigned to them alone. Lights and cameras move and turn, but keep
-    their size. `label` and `part_of` are those that all instances have: `group.update(label="car", part_of="car 1")`
-    makes them one object. A loop over a group gives its objects. The constructor's transform and parts say where the
-    group's origin is, without moving anything. Clips of `animations` place the instances of their file in the world, so
-    they don't follow a group. Raises SolariError for objects that have no place, such as an Environment.
+    their size. `label`, `part_of` and `visible` are those of all instances: `group.update(label="car", part_of="car
+    1")` makes them one object. A loop over a group gives its objects. The constructor's transform and parts say where
+    the group's origin is, without moving anything. Clips of `animations` place the instances of their file in the
+    world, so they don't follow a group. Raises SolariError for objects that have no place, such as an Environment.
     """
 
     def __init__(self, items: Iterable[Any] = (), *, name: str = "", **where: Any) -> None:
@@ -67,6 +67,11 @@ class Group(Scaled, Hints):
         """The object that all instances are parts of, "" if there are several. May be assigned."""
         return self._common("part_of")
 
+    @property
+    def visible(self) -> bool:
+        """Whether any instance is seen. May be assigned, to all of them."""
+        return any(item.visible for item in self.items if isinstance(item, Instance))
+
     def _common(self, name: str) -> str:
         found = {getattr(item, name) for item in self.items if isinstance(item, Instance)}
         return found.pop() if len(found) == 1 else ""
@@ -99,8 +104,8 @@ class Group(Scaled, Hints):
         self.update(transform=transform)
 
     def update(self, **fields: Any) -> None:
-        """Assign the transform, or several of its parts at once; nothing moves if one object can't. And `label` and
-        `part_of` of all instances."""
+        """Assign the transform, or several of its parts at once; nothing moves if one object can't. And `label`,
+        `part_of` and `visible` of all instances."""
         names = {name: fields.pop(name) for name in NAMES if name in fields}
         # Everything is checked before the first object changes.
         self._check_names(names)

@@ -11,6 +11,8 @@ from solari_vk.scene.files.formats import read_file
 from solari_vk.scene.model import Scene
 from solari_vk.scene.presenting.surroundings import surround
 
+BUILTIN = "builtin:"
+
 
 @checked_keywords(who="solari_vk")
 def load(
@@ -25,6 +27,7 @@ def load(
     seconds: float | None = None,
 ) -> Scene:
     """Load a .gltf, .glb, .obj, .ply or .stl file as it is. `open` adds light to a file without, and an exposure.
+    "builtin:NAME" is a built-in scene.
 
     scene and variant are those of `load_gltf`, for glTF files only. Mesh files don't say which axis points up ("x",
     "y" or "z": by default "y", and "z" for .stl) nor their unit, in meters (1). Their coordinates become those of the
@@ -39,12 +42,15 @@ def load(
     import solari_vk.scene.files.gltf
     import solari_vk.scene.files.mesh_files  # noqa: F401
 
+    if str(path).startswith(BUILTIN):
+        return builtin(str(path).removeprefix(BUILTIN))
     loaded: Scene = read_file(
         path, scene=scene, variant=variant, up=up, unit=unit, strict=strict, memory=memory, seconds=seconds
     )
     return loaded
 
 
+@checked_keywords(who="solari_vk")
 def open(path: str | os.PathLike[str], *, environment: str = "auto", **options: Any) -> Scene:
     """Load a file and make it ready for pictures, as `solari-vk render` does: framed, lit and exposed.
 
@@ -56,9 +62,8 @@ def open(path: str | os.PathLike[str], *, environment: str = "auto", **options: 
     the exposure (`Camera.auto_exposure`), but for cameras that `Scene.save` has written, which keep theirs.
     "builtin:NAME" is a built-in scene. Raises SolariError as `load`, `Environment` and `builtin` do.
     """
-    name = str(path)
-    is_builtin = name.startswith("builtin:")
-    scene = builtin(name.removeprefix("builtin:"), **options) if is_builtin else load(path, **options)
+    is_builtin = str(path).startswith(BUILTIN)
+    scene = load(path, **options)
     # The light is placed by the default camera.
     remedy, in_studio = surround(scene, scene.camera, environment)
     if remedy:

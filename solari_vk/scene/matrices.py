@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from solari_vk.base.errors import SolariError, quoted
+from solari_vk.base.errors import SolariError, checked_keywords, quoted
 
 _ROTATION_ERROR = 1e-3
 
@@ -49,6 +49,7 @@ def quaternion_rotation(x: Any, y: Any, z: Any, w: Any) -> list[list[Any]]:
     ]
 
 
+@checked_keywords(who="solari_vk")
 def euler(x: float = 0.0, y: float = 0.0, z: float = 0.0) -> NDArray[np.float64]:
     """The unit quaternion (x, y, z, w) of three angles in degrees, for `rotation` of instances, cameras and groups.
 

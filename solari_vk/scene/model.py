@@ -265,6 +265,10 @@ class Scene(Grouping, Observable):
     def __iter__(self) -> Iterator[Instance]:
         return iter(self._instances)
 
+    def __getitem__(self, name: str | int) -> Any:
+        """The object of this name: the first instance, else light, camera or group; or the instance of this number."""
+        return self._named(name) if isinstance(name, str) else self._instances[name]
+
     def __len__(self) -> int:
         """The number of instances, over which loops go."""
         return len(self._instances)

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from solari_vk.base.errors import SolariError, quoted
+from solari_vk.base.errors import SolariError, checked_constructor, quoted
 from solari_vk.scene.camera import Camera
 from solari_vk.scene.matrices import rotation
 from solari_vk.scene.quasirandom import GOLDEN_STEP, additive, radical_inverse
@@ -30,6 +30,7 @@ class Moment(NamedTuple):
     """The number of the first sample, and the one after the last."""
 
 
+@checked_constructor
 @dataclass(frozen=True, kw_only=True)
 class Shutter:
     """When a picture is exposed: from `open` to `close`, in seconds.

@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
-import asyncio
-import secrets
-import socket
 import sys
 from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
-from urllib.parse import urlunsplit
 
 import solari_vk as sv
 from solari_vk.base.errors import SolariError
@@ -27,9 +23,6 @@ from solari_vk.studio.viewer.layout import Layout
 
 if TYPE_CHECKING:
     from solari_vk.studio.browser.screen import Screens
-
-TOKEN_BYTES = 16  # 128 random bits can't be guessed
-ALL_ADDRESSES = ("0.0.0.0", "::", "")
 
 
 def view(job: ViewJob) -> None:
@@ -82,34 +75,17 @@ def _check_screenshot(job: ViewJob, path: Path) -> None:
         raise SolariError(f"--screenshot {path}: is taken after --frames: give their number too")
 
 
-def serve(job: ServeJob, scene: LoadedScene | None = None, on_start: Callable[[str], None] | None = None) -> None:
-    """Serve browsers until Ctrl-C. scene: by default the job's source. on_start: is called with the address."""
-    try:
-        from solari_vk.studio.browser.server import is_loopback, listen, run_server
-    except ImportError as error:
-        raise SolariError(
-            f"serve needs a library that isn't installed ({error}): install it by \"pip install 'solari-vk[serve]'\""
-        ) from None
-    from solari_vk.studio.browser.hub import Hub
+def serve(job: ServeJob) -> None:
+    """Serve browsers until Ctrl-C."""
+    from solari_vk.studio.browser.serving import serve_screens
 
     check_view(job.view, job.make_settings().lighting)
-    token = job.token
-    # Other machines can reach any other interface than the loopback one, so they must prove that they may look.
-    if token is None and not is_loopback(job.host):
-        token = secrets.token_urlsafe(TOKEN_BYTES)
-    # The port is taken before the scene is loaded, so that a port in use is reported at once.
-    with listen(job.host, job.port) as sock:
-        loaded = load_scene(job) if scene is None else scene
-        hub = Hub(lambda: _open_screens(job, loaded), job.shared)
 
-        def started() -> None:
-            address = _address(job.host, sock, token)
-            print(f"serving {job.source} with {hub.about['device']}: {address}", flush=True)
-            print("Ctrl-C ends it", file=sys.stderr)
-            if on_start is not None:
-                on_start(address)
+    def prepared() -> Callable[[], Screens]:
+        loaded = load_scene(job)
+        return lambda: _open_screens(job, loaded)
 
-        asyncio.run(run_server(hub, sock, token, started))
+    serve_screens(prepared, job.source, job.host, job.port, token=job.token, shared=job.shared)
 
 
 def _open_screens(job: ServeJob, loaded: LoadedScene) -> Screens:
@@ -137,14 +113,3 @@ def _open_screens(job: ServeJob, loaded: LoadedScene) -> Screens:
         )
         screens.owned = undo.pop_all()
     return screens
-
-
-def _address(host: str, sock: socket.socket, token: str | None) -> str:
-    """The address to open in a browser; of a host that stands for all addresses, that of this machine's name."""
-    name = host
-    if host in ALL_ADDRESSES:
-        name = socket.gethostname()
-    elif ":" in host:
-        name = f"[{host}]"  # RFC 3986 puts IPv6 addresses in brackets
-    query = "" if token is None else f"token={token}"
-    return urlunsplit(("http", f"{name}:{sock.getsockname()[1]}", "/", query, ""))

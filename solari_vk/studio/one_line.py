@@ -9,6 +9,7 @@ import threading
 import weakref
 from collections import deque
 from collections.abc import Callable
+from contextlib import ExitStack
 from typing import TYPE_CHECKING, Any
 
 from solari_vk.base.errors import SolariError, checked_keywords, quoted, unknown_name, warn
@@ -22,6 +23,8 @@ from solari_vk.scene.load import open as open_scene
 from solari_vk.scene.model import Camera, Scene
 
 if TYPE_CHECKING:
+    from solari_vk.studio.browser.screen import Screens
+
     ScenePath = Scene | str | os.PathLike[str]
 
 MODES = ("auto", "realtime", "reference")
@@ -196,9 +199,7 @@ def serve(
     options. Raises SolariError in a notebook, which has `notebook.show`, for a port in use, and without the extra
     `serve`.
     """
-    from solari_vk.cli.loading import LoadedScene
-    from solari_vk.studio import commands
-    from solari_vk.studio.jobs import ServeJob
+    from solari_vk.studio.browser.serving import serve_screens
 
     try:
         asyncio.get_running_loop()
@@ -206,7 +207,21 @@ def serve(
         pass
     else:
         raise SolariError("solari_vk.serve: a notebook shows solari_vk.notebook.show(renderer), of a Renderer")
-    opened = _opened("solari_vk.serve", scene)
-    front = camera or opened.camera_for(size[0] / size[1])
-    job = ServeJob(source=opened.name or "scene", size=size, mode=mode, host=host, port=port)
-    commands.serve(job, LoadedScene(opened, [front], front.auto_exposure, None), started)
+
+    def prepared() -> Callable[[], Screens]:
+        opened = _opened("solari_vk.serve", scene)
+        return lambda: _open_screens(opened, size, camera, mode)
+
+    serve_screens(prepared, getattr(scene, "name", "") or str(scene), host, port, started=started)
+
+
+def _open_screens(scene: Scene, size: tuple[int, int], camera: Camera | None, mode: str) -> Screens:
+    """A device, opened on the thread of the server that uses it, and what shows the scene on it."""
+    from solari_vk.studio.browser.screen import Screens
+
+    with ExitStack() as undo:
+        device = undo.enter_context(Device())
+        front = camera or scene.camera_for(size[0] / size[1])
+        screens = Screens(device, scene, front, size=size, name=scene.name or "scene", mode=mode)
+        screens.owned = undo.pop_all()
+    return screens

@@ -91,7 +91,7 @@ def test_scenes_files_and_meshes_of_trimesh_are_added(writer):
         (lambda s: s.add("nothing.glb"), "nothing.glb: there is no such file"),
         (lambda s: s.group("wall"), "there is no object 'wall'; there are none"),
         (lambda s: s.group().update(place=1), "Group has no field 'place'; .*there are transform, position, rotation"),
-        (lambda s: setattr(s.group(), "visible", False), "Group has no field 'visible'"),
+        (lambda s: setattr(s.group(), "opacity", False), "Group has no field 'opacity'"),
         (lambda s: s.group(scale=np.inf), "scale must be finite"),
         (lambda s: s.add(sv.Scene(), position=3), "Group: position must have the shape"),
     ],

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from solari_vk.base.errors import SolariError
+from solari_vk.base.errors import SolariError, checked_constructor
 from solari_vk.base.files import make_folder, read_json, write_whole
 from solari_vk.data.annotate.boxes import box_around
 from solari_vk.data.annotate.silhouettes import Silhouette
@@ -52,6 +52,7 @@ class _Model(NamedTuple):
     label: str
 
 
+@checked_constructor
 class BopWriter:
     """Writes a scene of a BOP data set, picture by picture.
 

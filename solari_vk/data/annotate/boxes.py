@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from solari_vk.base.errors import SolariError, quoted
+from solari_vk.base.errors import SolariError, checked_keywords, quoted
 from solari_vk.scene.bounds import Bounds
 from solari_vk.scene.matrices import transform_points
 from solari_vk.scene.model import Camera, Instance
@@ -32,6 +32,7 @@ class Box3D(NamedTuple):
     """Where the corners are in the picture, (8, 2) as `Camera.project` has it; NaN for those that aren't seen."""
 
 
+@checked_keywords(who="solari_vk")
 def boxes_3d(
     instances: Iterable[Instance], camera: Camera, size: tuple[int, int], *, merge: bool = False
 ) -> dict[Instance, Box3D]:

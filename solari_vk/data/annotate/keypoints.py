@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from solari_vk.base.errors import SolariError, quoted, unknown_name
+from solari_vk.base.errors import SolariError, checked_keywords, quoted, unknown_name
 from solari_vk.base.files import read_json
 from solari_vk.data.annotate.surfaces import check_view, is_blocked, is_inside
 from solari_vk.renderers.ray_tracer import RayTracer
@@ -37,6 +37,7 @@ class Keypoint(NamedTuple):
     """(3,) in meters in the world."""
 
 
+@checked_keywords(who="solari_vk")
 def keypoints(
     tracer: RayTracer,
     camera: Camera,

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from solari_vk.base.errors import SolariError
+from solari_vk.base.errors import SolariError, checked_keywords
 from solari_vk.data.annotate.surfaces import (
     SELF_OCCLUSION,
     check_view,
@@ -44,6 +44,7 @@ class Flow(NamedTuple):
         return -self.flow[..., 0]
 
 
+@checked_keywords(who="solari_vk")
 def optical_flow(
     tracer: RayTracer,
     cameras: Sequence[Camera],

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from solari_vk.base.errors import SolariError, quoted
+from solari_vk.base.errors import SolariError, checked_keywords, quoted
 from solari_vk.data.annotate.surfaces import check_view, peel, pixel_grid
 from solari_vk.renderers.ray_tracer import RayTracer
 from solari_vk.scene.calibrated import pixel_rays
@@ -38,6 +38,7 @@ class Silhouette(NamedTuple):
         return int(self.visible.sum()) / max(self.pixel_count, 1)
 
 
+@checked_keywords(who="solari_vk")
 def silhouettes(
     tracer: RayTracer, camera: Camera, size: tuple[int, int], *, around: float = 0.0, merge: bool = False
 ) -> dict[Instance, Silhouette]:

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solari_vk.base.budget import charge, load_budget
-from solari_vk.base.errors import Hints, SolariError, quoted, unknown_name
+from solari_vk.base.errors import Hints, SolariError, checked_constructor, quoted, unknown_name
 from solari_vk.base.files import read_json, read_npy
 from solari_vk.data.datasets.dataset import NAME, cameras_for
 from solari_vk.data.datasets.tasks import TRACED
@@ -34,6 +34,7 @@ class Sample(dict[str, NDArray[Any]]):
         )
 
 
+@checked_constructor
 class Views(Hints):
     """The views in a folder of `solari-vk dataset`.
 

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from solari_vk.base.budget import load_budget
-from solari_vk.base.errors import SolariError
+from solari_vk.base.errors import SolariError, checked_constructor
 from solari_vk.base.files import open_regular, read_regular
 from solari_vk.data.randomize.draws import stream
 from solari_vk.data.randomize.recipe import Recipe, check_recipe, files_of
@@ -28,6 +28,7 @@ LARGEST_RECIPE = 2**20  # bytes: PyYAML reads some 100 KB a second
 FUNCTIONS = ("prepare", "randomize", "camera")
 
 
+@checked_constructor
 @dataclass(frozen=True)
 class Randomizer:
     """Makes a random scene for each picture, which the seed and the picture's number alone decide.

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from solari_vk.base.errors import SolariError, quoted, unknown_name
+from solari_vk.base.errors import SolariError, checked_constructor, quoted, unknown_name
 from solari_vk.base.files import read_json
 from solari_vk.data.sensors import optics
 from solari_vk.data.sensors.echoes import checked_numbers
@@ -32,6 +32,7 @@ ISO_Q = 0.65  # ISO 12232: lx s on the sensor for each cd/m^2, at f/1 in one sec
 GREEN = 1
 
 
+@checked_constructor
 @dataclass(frozen=True, kw_only=True)
 class Sensor:
     """An image sensor behind a lens: it turns radiance in cd/m² into raw digital numbers.

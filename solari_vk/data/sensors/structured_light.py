@@ -8,9 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from solari_vk.base.errors import SolariError
+from solari_vk.base.errors import SolariError, checked_constructor
 from solari_vk.data.annotate.surfaces import SELF_OCCLUSION, check_view, first_surfaces, pixel_grid
 from solari_vk.data.sensors.echoes import checked_numbers
+from solari_vk.data.sensors.time_of_flight import DepthImage
 from solari_vk.renderers.ray_tracer import RayTracer
 from solari_vk.scene.calibrated import pixel_rays
 from solari_vk.scene.checks import check_whole
@@ -20,6 +21,7 @@ Floats = NDArray[np.float64]
 STEEPEST = math.pi / 2 - 1e-3  # radians: the noise of larger angles has no bound
 
 
+@checked_constructor
 @dataclass(frozen=True, kw_only=True)
 class StructuredLightCamera:
     """A depth camera with a projector `baseline` meters to its right.
@@ -54,8 +56,8 @@ class StructuredLightCamera:
 
     def capture(
         self, tracer: RayTracer, camera: Camera, size: tuple[int, int], *, seed: int = 0, noise: bool = True
-    ) -> Floats:
-        """Depths (height, width) in meters along the view axis, of a perspective camera; NaN for what is missing.
+    ) -> DepthImage:
+        """A picture of depths, of a perspective camera, in the form of TimeOfFlightCamera's, without an amplitude.
 
         noise: by numpy's `default_rng(seed)`. Raises SolariError for another camera and a wrong seed.
         """
@@ -85,7 +87,11 @@ class StructuredLightCamera:
             steps = np.maximum(np.round(product / depth / self.disparity_step), 1)
             depth = product / (steps * self.disparity_step)
         valid = (depth >= self.min_range) & (depth <= self.max_range) & (angle <= self.max_angle)
-        return np.where(valid, depth, np.nan).reshape(size[1], size[0])
+        depth = np.where(valid, depth, np.nan)
+        _, rays = camera.rays(pixel_grid(size), size)
+        along = rays @ -camera.rotation[:, 2]
+        shape = size[1], size[0]
+        return DepthImage(depth.reshape(shape), (depth / along).reshape(shape), None)
 
     def _find(self, tracer: RayTracer, camera: Camera, pixels: Floats, size: tuple[int, int]) -> tuple[Floats, Floats]:
         """Depths (N) of what pixels show, and angles (N), at most STEEPEST, between its normals and the rays; NaN where

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from solari_vk.base.errors import SolariError, quoted
+from solari_vk.base.errors import SolariError, checked_constructor, quoted
 from solari_vk.data.annotate.surfaces import check_view, pixel_grid
 from solari_vk.data.sensors.echoes import Echoes, checked_numbers, find_echoes
 from solari_vk.renderers.ray_tracer import RayTracer
@@ -22,17 +22,22 @@ MOST_TURNS = 10_000  # of the phase of the highest frequency, which are tried
 
 
 class DepthImage(NamedTuple):
-    """What a depth camera measured, (height, width) each."""
+    """What a depth camera measured, (height, width) each. numpy takes it for its depth."""
 
     depth: Floats
     """In meters along the view axis, of wide lenses along the ray, as `frame["depth"]`; NaN where nothing was
     measured."""
     distance: Floats
     """In meters from the camera."""
-    amplitude: Floats
-    """Of the modulated light, in electrons, the mean of all frequencies; also where nothing was measured."""
+    amplitude: Floats | None = None
+    """Of the modulated light, in electrons, the mean of all frequencies; also where nothing was measured. None of a
+    camera that measures none."""
+
+    def __array__(self, dtype: Any = None, copy: bool | None = None) -> NDArray[Any]:
+        return np.asarray(self.depth, dtype)
 
 
+@checked_constructor
 @dataclass(frozen=True, kw_only=True)
 class TimeOfFlightCamera:
     """A camera that lights the scene with modulated light and measures its phase in four samples for each frequency.

@@ -173,6 +173,7 @@ class Device(WorkQueue):
         self.close()
 
 
+@checked_keywords(who="solari_vk")
 def list_devices() -> list[DeviceReport]:
     """Every Vulkan device of this machine with what it lacks; raises DeviceError without a driver."""
     instance = Instance()

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from numbers import Integral
 from typing import TYPE_CHECKING
 
-from solari_vk.base.errors import SolariError, quoted
+from solari_vk.base.errors import SolariError, checked_constructor, quoted
 
 if TYPE_CHECKING:
     from solari_vk.gpu.device import raw
@@ -43,6 +43,7 @@ class IfUsed:
     size: int | Size
 
 
+@checked_constructor
 @dataclass(frozen=True)
 class Pass:
     """One dispatch of the compute shader glsl/passes/NAME.comp.
@@ -72,6 +73,7 @@ class Pass:
             )
 
 
+@checked_constructor
 @dataclass(frozen=True)
 class HitGroup:
     """The shaders that run where a ray meets a geometry: their paths below the GLSL root, "" for none.
@@ -84,6 +86,7 @@ class HitGroup:
     intersection: str = ""
 
 
+@checked_constructor
 @dataclass(frozen=True)
 class RayPass(Pass):
     """One launch of the ray generation shader glsl/passes/NAME.rgen, whose rays run the pass's own miss and hit
@@ -145,6 +148,7 @@ class Step:
     writes: Sequence[str] = ()
 
 
+@checked_constructor
 @dataclass(frozen=True)
 class Stage:
     """A part of the frame: the element counts of its buffers, the sizes of its images, and its passes in order.

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from solari_vk.base.errors import SolariError
+from solari_vk.base.errors import SolariError, checked_constructor
 
 Values = NDArray[np.float64]
 Sample = tuple[NDArray[np.int64], str, Values]
@@ -19,6 +19,7 @@ WIDTHS = {"translation": 3, "rotation": 4, "scale": 3, "visible": 1, "weights": 
 """What a channel changes, and how many numbers a key has: a mesh has any number of morph targets."""
 
 
+@checked_constructor
 @dataclass(frozen=True)
 class Channel:
     """The keys of one property of a rig's node. Raises SolariError for keys that can't be played.

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from solari_vk.base.errors import SolariError
+from solari_vk.base.errors import SolariError, checked_constructor
 from solari_vk.scene import checks
 from solari_vk.scene.animation.keyframes import Sample, unit_quaternions
 from solari_vk.scene.camera import Camera
@@ -41,6 +41,7 @@ class Animated(Protocol):
     def apply(self) -> None: ...
 
 
+@checked_constructor
 class Rig:
     """Nodes in their rest pose, parents before children.
 

@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from solari_vk.base.budget import charge, load_budget
-from solari_vk.base.errors import SolariError
+from solari_vk.base.errors import SolariError, checked_keywords
 from solari_vk.base.files import make_folder, read_regular, text_lines, write_whole
 from solari_vk.scene.camera import Camera
 from solari_vk.scene.matrices import quaternion_rotation
@@ -61,6 +61,7 @@ class ColmapImage(NamedTuple):
     size: tuple[int, int]
 
 
+@checked_keywords(who="solari_vk")
 def load_colmap(folder: str | os.PathLike[str]) -> list[ColmapImage]:
     """The images of a folder with `cameras.bin` and `images.bin`, or else `cameras.txt` and `images.txt`, in the file's
     order.
@@ -205,6 +206,7 @@ class _Binary:
         self._at += count
 
 
+@checked_keywords(who="solari_vk")
 def save_colmap(
     folder: str | os.PathLike[str], cameras: Sequence[Camera], size: tuple[int, int], names: Sequence[str]
 ) -> None:

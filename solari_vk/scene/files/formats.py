@@ -87,6 +87,9 @@ def read_file(
     """The Scene of a file, as `load` returns it. Options that are None count as not given."""
     if not isinstance(path, str | os.PathLike):
         raise SolariError(f"load: the path of a file is needed, not {quoted(path)}")
+    if str(path).startswith("builtin:"):
+        name = str(path).removeprefix("builtin:")
+        raise SolariError(f"{path}: is no file: write solari_vk.builtin({quoted(name)}) in its place")
     _import_formats()
     suffix = Path(path).suffix.lower()
     reader = _READERS.get(suffix)

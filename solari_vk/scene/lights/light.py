@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from solari_vk.base.color import LUMINANCE_WEIGHTS
-from solari_vk.base.errors import SolariError, quoted
+from solari_vk.base.errors import SolariError, checked_keywords, quoted
 from solari_vk.scene.checks import FloatArray
 from solari_vk.scene.observable import Checked
 
@@ -38,6 +38,7 @@ class Light(Checked):
         return ()
 
 
+@checked_keywords(who="solari_vk")
 def kelvin(temperature: float) -> FloatArray:
     """The color (3,) of a black body at a temperature in kelvin, 1667 to 25,000, linear, of luminance 1.
 

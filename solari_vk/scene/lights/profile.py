@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from solari_vk.base.budget import charge, load_budget
-from solari_vk.base.errors import SolariError, quoted, warn
+from solari_vk.base.errors import SolariError, checked_constructor, quoted, warn
 from solari_vk.base.files import read_regular
 
 ROWS, COLUMNS = 361, 360
@@ -31,6 +31,7 @@ TILT_REMARK = "factors for tilted lamps (TILT) aren't applied"
 FloatArray = NDArray[np.float64]
 
 
+@checked_constructor
 class LightProfile:
     """The luminous intensity of a luminaire in the directions that were measured; between them it is linear.
 

@@ -4,17 +4,20 @@ from __future__ import annotations
 
 import math
 from dataclasses import KW_ONLY, field
+from datetime import datetime
 from typing import Any, ClassVar
 
 import numpy as np
 
 from solari_vk.base.color import LUMINANCE_WEIGHTS
+from solari_vk.base.errors import SolariError
 from solari_vk.scene import checks
 from solari_vk.scene.checks import FloatArray
 from solari_vk.scene.lights.atmosphere import EYE, atmosphere, sky_map
 from solari_vk.scene.lights.directional import DirectionalLight
 from solari_vk.scene.lights.environment import EnvironmentLight
 from solari_vk.scene.lights.light import Light
+from solari_vk.scene.lights.sun_position import checked_place, checked_time, sun_direction
 from solari_vk.scene.matrices import rotation
 from solari_vk.scene.observable import checked
 
@@ -29,7 +32,10 @@ class Sky(EnvironmentLight):
     """A clear sky with its sun, over even ground, as `scene.environment`.
 
     sun_direction (3,): towards the sun, of any length; below the horizon it is twilight. By default the sun stands 40
-    degrees high, behind the left shoulder of a camera that looks along -z. turbidity: 1 is clean air, 2
+    degrees high, behind the left shoulder of a camera that looks along -z. place, time: the sun as it stands there
+    then, where -z is north and +x east: Sky(place=(52.5, 13.4), time="2026-06-21 15:00+02:00"), of latitude and
+    longitude in degrees, and a time with its zone, which may be a datetime; to assign another time moves the sun, and
+    an assigned sun_direction takes their place. turbidity: 1 is clean air, 2
     to 3 a clear day, 6 haze. ground_albedo: the color of the ground, which fills the lower half. intensity: a factor;
     with 1 the sun has up to 100,000 lux and the sky thousands of cd/m^2, for pictures of an ev100 of about 14.
     The sun is a DirectionalLight of its own, `sun`, which `scene.environment` adds with the sky, and which follows the
@@ -42,6 +48,8 @@ class Sky(EnvironmentLight):
     turbidity: float = 2.5
     ground_albedo: FloatArray = field(default_factory=lambda: np.full(3, 0.3, np.float32))
     intensity: float = 1.0
+    place: tuple[float, float] | None = None
+    time: datetime | None = None
     name: str = ""
 
     _converters = {
@@ -49,6 +57,8 @@ class Sky(EnvironmentLight):
         "turbidity": checks.number(1, 20),
         "ground_albedo": checks.color(0, 1),
         "intensity": checks.number(0, 1e9),
+        "place": checked_place,
+        "time": checked_time,
         "name": checks.text,
     }
     # What `_validate` makes for each sky from its fields.
@@ -57,6 +67,13 @@ class Sky(EnvironmentLight):
 
     def _validate(self) -> None:
         """Make what follows from the fields: the image, the rotation and the sun."""
+        if self.place is not None and self.time is not None:
+            object.__setattr__(self, "sun_direction", sun_direction(self.place, self.time).astype(np.float32))
+        elif self.place is not None or self.time is not None:
+            raise SolariError(
+                "Sky: place and time go together: Sky(place=(52.5, 13.4), time='2026-06-21 15:00+02:00'), or both in "
+                "sky.update(place=..., time=...)"
+            )
         x, height, z = map(float, self.sun_direction)
         red, green, blue = map(float, self.ground_albedo)
         air = atmosphere(self.turbidity, (red, green, blue))
@@ -80,6 +97,11 @@ class Sky(EnvironmentLight):
             self._sun.update(**sun)
         else:
             object.__setattr__(self, "_sun", DirectionalLight(**sun, name="sun"))
+
+    def update(self, **fields: Any) -> None:
+        if self._ready and "sun_direction" in fields and fields.keys().isdisjoint({"place", "time"}):
+            fields |= {"place": None, "time": None}
+        super().update(**fields)
 
     def turn(self, angle: float) -> None:
         """Turn the sun about the y axis by an angle in radians."""

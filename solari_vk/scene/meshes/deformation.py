@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from solari_vk.base.errors import SolariError
+from solari_vk.base.errors import SolariError, checked_constructor
 from solari_vk.scene import checks
 from solari_vk.scene.checks import FloatArray
 
@@ -17,6 +17,7 @@ Boxes = tuple[Floats, Floats, NDArray[np.int64], Floats | None]
 MAX_JOINTS = 1 << 16
 
 
+@checked_constructor
 @dataclass(frozen=True, eq=False)
 class Deformation:
     """What moves the vertices of a mesh: joints, morph targets or both.

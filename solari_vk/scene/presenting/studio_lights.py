@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from solari_vk.base.errors import SolariError
+from solari_vk.base.errors import SolariError, checked_keywords
 from solari_vk.scene import shapes
 from solari_vk.scene.builtin import matte
 from solari_vk.scene.lights.environment import Environment, directions, solid_angles
@@ -69,6 +69,7 @@ def _box(
     return seen
 
 
+@checked_keywords(who="solari_vk")
 def studio_lights(scene: Scene, *, ev100: float = 0.0, ground: bool = True, camera: Camera | None = None) -> Scene:
     """Light a scene as in a photo studio, and return it: its environment is replaced, and it gets a floor.
 

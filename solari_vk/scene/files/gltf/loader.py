@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from solari_vk.base.budget import load_budget
-from solari_vk.base.errors import SolariError
+from solari_vk.base.errors import SolariError, checked_keywords
 from solari_vk.scene import checks
 from solari_vk.scene.files.formats import reads
 from solari_vk.scene.files.gltf.accessors import Accessors
@@ -69,6 +69,7 @@ class Part(NamedTuple):
     others: dict[str, Material]
 
 
+@checked_keywords(who="solari_vk")
 @reads(".gltf", ".glb", options=("scene", "variant"), only="glTF files have scenes and variants: leave out the option")
 def load_gltf(
     path: str | os.PathLike[str], *, scene: int | str | None = None, variant: str | None = None, strict: bool = False
