@@ -23,7 +23,6 @@ from PIL import Image
 
 from solari_vk.base.errors import SolariError
 from solari_vk.cli import main, showing
-from solari_vk.output import picture
 
 ROWS = 14
 COLUMNS = 40
@@ -191,7 +190,7 @@ def test_no_desktop_no_command_and_no_program_are_told(desktop_with, monkeypatch
 
 def test_a_program_that_stays_open_is_not_waited_for(desktop_with, monkeypatch, capsys, tmp_path):
     noted = desktop_with(f"sleep 20; touch '{tmp_path}/ended'")
-    monkeypatch.setattr(picture, "PATIENCE", 0.5)
+    monkeypatch.setattr("solari_vk.output.picture.PATIENCE", 0.5)
     showing.open_file(Path("a.png"))
     assert capsys.readouterr().err == ""
     assert noted.exists()

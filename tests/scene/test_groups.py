@@ -173,3 +173,16 @@ def test_parents_lead_to_groups(use):
     scene = sv.Scene(sv.Instance(BOX))
     with pytest.raises((sv.SolariError, AttributeError), match=r"scene\.group\("):
         use(scene, scene.instances[0])
+
+
+def test_a_group_hides_its_objects_and_a_scene_finds_by_name():
+    scene = sv.Scene()
+    group = scene.group(*(scene.add(sv.shapes.box(), name=name) for name in ("left", "right")), name="pair")
+    assert scene["pair"] is group
+    assert scene["right"] is scene[1]
+    group.visible = False
+    assert not any(item.visible for item in scene)
+    scene["left"].visible = True
+    assert group.visible
+    with pytest.raises(sv.SolariError, match="there is no object 'lefty'; did you mean 'left'"):
+        scene["lefty"]
