@@ -10,8 +10,8 @@ import solari_vk as sv
 
 # Types of results, which users don't make, and errors.
 MADE_BY_US = {
-    "Box3D", "ColmapImage", "DepthImage", "Difference", "Flow", "Keypoint", "LidarScan", "RenderedFrame", "SceneBinder",
-    "Silhouette",
+    "Box3D", "ColmapImage", "Denoised", "DepthImage", "Difference", "Flow", "Keypoint", "LidarScan", "RenderedFrame",
+    "SceneBinder", "Silhouette",
 }  # fmt: skip
 CALLED = [
     name for name in sv.__all__ if callable(getattr(sv, name)) and name not in MADE_BY_US and not name.endswith("Error")
