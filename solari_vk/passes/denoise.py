@@ -16,8 +16,9 @@ CELL_SIZE = 4  # width in pixels of a gradient cell, an element of `denoise_cell
 LEVELS = 5  # passes of the blur, each twice as wide as the one before; an odd number ends in `denoise_pong`
 
 
-def history_stage(size: tuple[int, int]) -> Stage:
+def history_stage(size: tuple[int, int], skips_pixels: bool = False) -> Stage:
     """Finds the history of each pixel of this frame. It comes before the paths: their number depends on it.
+    skips_pixels: as of `stage`.
 
     Inputs: `gbuffer_surface`, `guides_*`, `previous_instances`.
     Outputs: `denoise_guides`, `denoise_diffuse`, `denoise_specular`, `denoise_alternate`.
@@ -30,13 +31,16 @@ def history_stage(size: tuple[int, int]) -> Stage:
             **dict.fromkeys(("denoise_guides", "denoise_diffuse", "denoise_specular"), History(pixels)),
             "denoise_alternate": pixels,
         },
-        passes=[Pass("denoise/reproject", threads=size)],
+        passes=[Pass("denoise/reproject", threads=size, constants={"skips_pixels": skips_pixels})],
     )
 
 
-def stage(size: tuple[int, int], grid: tuple[int, int] = (1, 1), skips_pixels: bool = False) -> Stage:
+def stage(
+    size: tuple[int, int], grid: tuple[int, int] = (1, 1), skips_pixels: bool = False, block_width: int = 1
+) -> Stage:
     """Denoises `paths_diffuse` and `paths_specular`. Does nothing when denoise=off. grid: columns and rows of views.
-    skips_pixels: whether pixels may have no path in a frame; their histories stay as they are.
+    skips_pixels: whether pixels may have no path in a frame; their histories stay as they are. block_width: that of
+    blocks of pixels that take their paths by turns.
 
     `denoise_ping` and `denoise_pong` alias the memory of the previous histories, which only `denoise/reproject` reads.
     Other stages ask glsl/passes/denoise/api.glsl for the result.
@@ -62,7 +66,7 @@ def stage(size: tuple[int, int], grid: tuple[int, int] = (1, 1), skips_pixels: b
             Pass("denoise/history_confidence", threads=cells),
             Pass("denoise/accumulate", threads=size, constants=skips),
             # How uncertain each mean is, and the a-trous wavelet filter (Dammertz et al. 2010) that follows from it.
-            Pass("denoise/variance", threads=size),
+            Pass("denoise/variance", threads=size, constants={"block_width": block_width}),
             *(Pass("denoise/blur", threads=size, constants={"level": level}) for level in range(LEVELS)),
         ],
     )

@@ -8,6 +8,7 @@ from collections.abc import Mapping, Sequence
 from solari_vk.gpu.frame.stages import Aliased, Draw, Pass, Stage, Step
 from solari_vk.gpu.shaders.compiler import compile_shader
 from solari_vk.gpu.shaders.spirv import reflect
+from solari_vk.passes.paths import pixels_per_path
 from solari_vk.settings import Settings
 from solari_vk.settings.layering import brdf_constants
 
@@ -26,6 +27,7 @@ def compose_stage(size: tuple[int, int], settings: Settings, scratch: Mapping[st
     """
     # Light comes demodulated: divided by the surfaces' colors, so that the denoiser blurs light and not textures.
     pixels = size[0] * size[1]
+    constants = brdf_constants(settings) | {"pixels_per_path": pixels_per_path(settings)}
     return Stage(
         "compose",
         buffers={
@@ -33,7 +35,7 @@ def compose_stage(size: tuple[int, int], settings: Settings, scratch: Mapping[st
             **{name: Aliased(buffer, pixels) for name, buffer in scratch.items()},
             "ray_counts": RAY_COUNTERS,
         },
-        passes=[Pass("display/compose", threads=size, constants=brdf_constants(settings))],
+        passes=[Pass("display/compose", threads=size, constants=constants)],
     )
 
 

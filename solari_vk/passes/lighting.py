@@ -22,6 +22,7 @@ def stages(
     rows of views, which show so many worlds. has_absorption: whether solids in them absorb light.
     apart_bytes: what `paths.apart_bytes` has returned."""
     scratch: Mapping[str, str] = {}
+    skips_pixels = settings.frame_ms > 0 or paths.is_sparse(settings)
     views = math.prod(grid)
     if settings.lighting == "split":
         light = solari019.stages(size, settings)
@@ -32,9 +33,9 @@ def stages(
     return [
         paths.medium_stage(views, has_absorption),
         # Before the light, because pixels with a short history take more paths.
-        denoise.history_stage(size),
+        denoise.history_stage(size, skips_pixels),
         *light,
-        denoise.stage(size, grid, settings.frame_ms > 0),
+        denoise.stage(size, grid, skips_pixels, paths.block_width(settings)),
         display.compose_stage(size, settings, scratch),
     ]
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING, Any
 
 from solari_vk.gpu.frame.stages import IfUsed, Pass, Stage
@@ -19,7 +20,7 @@ RESERVOIRS = ("paths_temporal_reservoirs", "paths_reservoirs")
 SCRATCH = {"sample_radiance": "paths_states", "error": "paths_ray_queues"}
 """Results of later stages that alias buffers of this one, since all paths are traced by then."""
 MIN_TIMED_SAMPLES = 2  # with frame_ms a pixel may take this many paths, whatever the settings say
-SHORT_HISTORY = 8.0  # frames of history from which one path is enough
+SHORT_HISTORY = 8.0  # paths of a pixel's history from which one path is enough
 STATE_QUADS, RAYS_QUADS, HIT_QUADS = 6, 7, 5
 """Of a path, its rays and what they have hit: four numbers each, as glsl/passes/paths/pack_path.glsl packs them."""
 WAVES_APART = 6  # with traces_apart, the waves before the last one, that of first rays among them
@@ -38,16 +39,18 @@ def stage(size: tuple[int, int], settings: Settings, views: int, traces_apart: b
     """
     pixels = size[0] * size[1]
     has_frame_ms = settings.frame_ms > 0
+    chooses_pixels = has_frame_ms or is_sparse(settings)
     # ReSTIR's reservoirs hold one path of a pixel.
     short_history_samples = 1 if settings.restir else settings.paths_short_history_samples
     max_samples = most_timed_samples(short_history_samples) if has_frame_ms else short_history_samples
     sample_counts = {
         "short_history_samples": short_history_samples,
         "max_timed_samples": max_samples if has_frame_ms else 0,
+        "pixels_per_path": pixels_per_path(settings),
     }
     brdf = brdf_constants(settings)
     passes: list[Pass] = []
-    if has_frame_ms:
+    if chooses_pixels:
         passes.append(Pass("paths/choose_pixels", threads=size, constants=sample_counts))
     for sample in range(max_samples):
         passes += _waves(size, sample, traces_apart, brdf | {"paths_reuse": settings.restir}, sample_counts)
@@ -59,7 +62,7 @@ def stage(size: tuple[int, int], settings: Settings, views: int, traces_apart: b
         "paths_wave": 1,
         # Lists of pixels. Shaders that don't read them declare them all the same, so they have one element then.
         "paths_short_histories": pixels if max_samples > 1 else 1,
-        "paths_chosen": pixels if has_frame_ms else 1,
+        "paths_chosen": pixels if chooses_pixels else 1,
         "paths_reservoir_candidates": pixels if settings.restir else 1,
         "paths_rays": RAYS_QUADS * pixels if traces_apart else 1,
     }
@@ -71,6 +74,23 @@ def stage(size: tuple[int, int], settings: Settings, views: int, traces_apart: b
         passes.append(Pass("paths/temporal", threads=size, constants=brdf))
         passes.append(Pass("paths/spatial_and_shade", threads=size, constants=brdf))
     return Stage("paths", buffers=buffers, passes=passes)
+
+
+def is_sparse(settings: Settings) -> bool:
+    """Whether with `upscale` all pixels of the picture are there, and some take no path in a frame: the denoiser fills
+    them. Else fewer pixels are rendered."""
+    follows = settings.denoise and settings.lighting == "paths" and not settings.restir and settings.frame_ms == 0
+    return follows and settings.upscale > 1
+
+
+def pixels_per_path(settings: Settings) -> float:
+    """The number of pixels of which one takes a path in a frame."""
+    return settings.upscale**2 if is_sparse(settings) else 1.0
+
+
+def block_width(settings: Settings) -> int:
+    """The width in pixels of blocks that take their paths in the same order."""
+    return math.ceil(settings.upscale) if is_sparse(settings) else 1
 
 
 def apart_bytes(rays: str, device: DeviceProperties) -> int:
@@ -103,8 +123,8 @@ def _waves(
     Aila, "Megakernels Considered Harmful", 2013), so each wave is a dispatch over the list of the paths that are left.
     """
     passes = []
-    timed = {"max_timed_samples": sample_counts["max_timed_samples"]}
-    chooses_pixels = timed["max_timed_samples"] > 0
+    chosen = {name: sample_counts[name] for name in ("max_timed_samples", "pixels_per_path")}
+    chooses_pixels = chosen["max_timed_samples"] > 0 or chosen["pixels_per_path"] > 1
     constants = shading | sample_counts
     waves = max(WAVES_APART, WAVES) if traces_apart else WAVES  # later_rays traces on from LAST_WAVE
     for wave in range(waves + 1):
@@ -118,9 +138,9 @@ def _waves(
         elif wave == waves or not traces_apart:
             passes.append(Pass("paths/later_rays", constants=constants, **over))
         else:
-            passes.append(Pass("paths/choose", constants=shading | timed, **over))
+            passes.append(Pass("paths/choose", constants=shading | chosen, **over))
         if traces_apart and wave < waves:
-            passes.append(Pass("paths/trace", constants=timed, **over))
+            passes.append(Pass("paths/trace", constants=chosen, **over))
             passes.append(Pass("paths/arrive", constants=constants, **over))
     return passes
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from solari_vk.gpu.frame.stages import Aliased, History, Pass, Stage
 from solari_vk.gpu.shaders.headers import constants
+from solari_vk.passes.paths import is_sparse
 from solari_vk.settings import Settings
 
 Size = tuple[int, int]
@@ -11,7 +12,10 @@ CELL_SIZE = 4  # width in rendered pixels of a cell whose samples are compared w
 
 
 def render_size(size: Size, settings: Settings) -> Size:
-    """The size that is rendered for a picture of this size: the picture's over `upscale`, rounded up."""
+    """The size that is rendered for a picture of this size: the picture's over `upscale`, rounded up, if the denoiser
+    doesn't fill the pixels without a path."""
+    if is_sparse(settings):
+        return size
     return -int(-size[0] // settings.upscale), -int(-size[1] // settings.upscale)
 
 

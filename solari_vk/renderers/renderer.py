@@ -259,8 +259,8 @@ class Renderer(RendererBase):
     def _build_key(self) -> tuple[Any, ...]:
         """What `_stages` depends on and may change from frame to frame."""
         features = self.binder.features
-        has = bool(LOBES & features), ABSORPTION in features
-        return self.size, self.binder.instance_capacity, self.settings.rebuild_key, *has, self.gbuffer, self.count_rays
+        has = bool(LOBES & features), ABSORPTION in features, self.count_rays
+        return self.size, self.binder.instance_capacity, self.settings.rebuild_key, *has, self.gbuffer, self.render_size
 
     def _remember_build(self) -> None:
         self._built = self._build_key()

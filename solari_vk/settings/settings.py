@@ -79,7 +79,8 @@ class Settings(SeparatePasses, Hints):
     antialiasing: bool = _taa(True, "Average samples at different positions in each pixel over frames (Solari: off).")
     upscale: float = _taa(
         1.0,
-        "Width of the picture over that of what is rendered. More: faster, less sharp.",
+        "One of so many pixels squared takes a path in a frame, with lighting=paths, denoise=on, restir=off and "
+        "frame_ms=0; else the width of the picture over that of what is rendered. More: faster, more noise.",
         low=1,
         high=3,
         rebuilds=True,

@@ -8,6 +8,9 @@
 #include "passes/gbuffer/gbuffer.glsl"
 #include "passes/guides/mirrors.glsl"
 
+// Whether a frame may trace no path for some of its pixels, which then may have no history.
+layout(constant_id = skips_pixels_id) const bool skips_pixels = false;
+
 // A surface in the previous frame.
 struct PreviousSurface {
     vec2 pixel;     // in pixels without jitter; centers are at + 0.5
@@ -85,7 +88,9 @@ void add_tap(inout Taps taps, ivec2 pixel, float weight, PreviousSurface previou
     if (abs(weight) < 1e-3 || !is_inside(pixel, camera.size)) { return; }
     Guide previous_guide = load_previous_guide(pixel);
     if (!is_consistent(previous_guide, previous, guide, plane_distance)) { return; }
-    taps.indices[taps.count] = element_index(pixel, camera.size);
+    uint index = element_index(pixel, camera.size);
+    if (skips_pixels && unpack_lobe_history(previous_denoise_diffuse.at[index]).frames == 0.0) { return; }
+    taps.indices[taps.count] = index;
     taps.weights[taps.count] = weight;
     taps.count += 1;
     taps.weight += weight;

@@ -9,6 +9,9 @@
 
 layout(local_size_x = 8, local_size_y = 8) in;
 
+// The width of blocks of pixels of which one takes a path in a frame.
+layout(constant_id = block_width_id) const int block_width = 1;
+
 const uint PASS_SALT = 0xBB67AE85u;
 
 struct Moments {
@@ -87,13 +90,15 @@ void main() {
     EdgeStopping edges = make_edge_stopping(
         guide, pixel, relative_error, reflection_edges_known ? MIN_ALPHA_NOISY : MIN_ALPHA_UNKNOWN_EDGES
     );
+    // After the pixel's first path those of its block may have none yet.
+    int apart = own_diffuse.frames > 0.0 && own_diffuse.frames < MIN_VARIANCE_FRAMES ? block_width : 1;
     // Of 3 x 3 pixels, of which number 4 is the center.
     for (int i = 0; i < 9; i++) {
-        ivec2 step = ivec2(i % 3, i / 3) - 1, other = pixel + step;
+        ivec2 step = ivec2(i % 3, i / 3) - 1, other = pixel + apart * step;
         ivec2 inside = clamp(other, ivec2(0), size - 1);
         uint other_index = element_index(inside, camera.size);
         vec2 weights = vec2(inside == other ? (2 - abs(step.x)) * (2 - abs(step.y)) : 0);
-        if (i != 4) { weights *= edge_stopping_weights(edges, denoise_guides.at[other_index], step); }
+        if (i != 4) { weights *= edge_stopping_weights(edges, denoise_guides.at[other_index], apart * step); }
         add_moments(diffuse, unpack_lobe_history(denoise_diffuse.at[other_index]), weights.x);
         LobeHistory other_specular = unpack_lobe_history(denoise_specular.at[other_index]);
         add_moments(specular, other_specular, weights.y);

@@ -9,6 +9,9 @@
 
 layout(local_size_x = 8, local_size_y = 8) in;
 
+// With the setting upscale: of so many pixels one takes a path in a frame.
+layout(constant_id = pixels_per_path_id) const float pixels_per_path = 1.0;
+
 void main() {
     uvec2 pixel = gl_GlobalInvocationID.xy;
     uint index;
@@ -24,7 +27,9 @@ void main() {
     Medium medium = camera_medium();
     vec3 emitted = visible_emission(pixel, medium);
     vec3 arrives = transmittance(medium, distance(surface.world_position, make_camera_ray(vec2(pixel) + 0.5).origin));
-    raw_radiance.at[index] = emitted + (diffuse + specular) * arrives;
+    // Light of few pixels stands for that of all, so that the mean over frames is right.
+    float stands_for = uses_denoiser(index) ? pixels_per_path : 1.0;
+    raw_radiance.at[index] = emitted + stands_for * (diffuse + specular) * arrives;
     error.at[index] = 0.0;
     if (uses_denoiser(index)) {
         Denoised light = denoised(pixel);

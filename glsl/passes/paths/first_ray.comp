@@ -24,11 +24,13 @@ Path start_path(uvec2 pixel, GBufferSurface surface, uint sample_index) {
     }
     path.vertex = make_vertex(surface);
     path.walk.medium = path.vertex.above;
-    float choice = sobol_point(this_frame.index, seed_rng(pixel, 0u, first_salt)).x;
+    uint number;
+    is_its_turn(element_index(pixel, camera.size), number);
+    float choice = sobol_point(number, seed_rng(pixel, 0u, first_salt)).x;
     path.lobe_u = fract(choice + unit_float(bitfieldReverse(sample_index)));
     uint sequence = seed_rng(pixel, 0u, salt);
     // + 1: for the first path `sequence` is the seed of `choice`, whose numbers `u` would repeat
-    path.u = sobol_point(this_frame.index, sequence + 1u);
+    path.u = sobol_point(number, sequence + 1u);
     CameraRay ray = make_camera_ray(vec2(pixel) + 0.5);
     path.walk.cone_spread = ray.cone_spread;
     path.walk.cone_width = ray.cone_width + ray.cone_spread * distance(surface.world_position, ray.origin);

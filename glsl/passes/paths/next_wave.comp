@@ -51,5 +51,6 @@ void main() {
     uint index = wave_index == 0u ? 0u : paths_wave.index + 1u;
     // Of the two indices from LAST_WAVE on, the one that has the queue in which the paths wait.
     paths_wave.index = is_last_wave ? LAST_WAVE + (LAST_WAVE + index) % 2u : index;
-    paths_wave.dispatch = make_indirect_squares(most, view_count());
+    bool lists_all_views = pixels_are_chosen && wave_index == 0u && sample_index == 0u;  // paths_chosen
+    paths_wave.dispatch = make_indirect_squares(most, lists_all_views ? 1u : view_count());
 }

@@ -62,7 +62,7 @@ uint queue_begin(uint wave_index) {
 // choose_pixels.comp. Further paths: the pixels with a short history. `index`: the pixel's in buffers.
 bool find_pixel_of_path(uint sample_index, out uvec2 pixel, out uint index) {
     pixel = INVOCATION_INDEX;  // gl_GlobalInvocationID.xy, or in a ray pipeline gl_LaunchIDEXT.xy
-    if (sample_index == 0u && max_timed_samples == 0u) { return find_pixel(pixel, index); }
+    if (sample_index == 0u && !chooses_pixels()) { return find_pixel(pixel, index); }
     choose_view(INVOCATION_LAYER);  // a dispatch over a list has a layer for each view
     uint thread = thread_index_in_squares(pixel);  // within the layer: passes/rows.glsl
     if (sample_index == 0u) {
