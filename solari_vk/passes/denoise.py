@@ -13,6 +13,7 @@ from solari_vk.gpu.frame.stages import Aliased, History, Pass, Stage
 from solari_vk.gpu.shaders.headers import constants
 
 CELL_SIZE = 4  # width in pixels of a gradient cell, an element of `denoise_cells`
+BLOCK_SIZE = 8  # the same of a block, over which light taken from fireflies is summed: an element of `denoise_blocks`
 LEVELS = 5  # passes of the blur, each twice as wide as the one before; an odd number ends in `denoise_pong`
 
 
@@ -53,10 +54,12 @@ def stage(
     # outside: -(-a // b) rounds up.
     view_width, view_height = size[0] // grid[0], size[1] // grid[1]
     cells = (grid[0] * -(-view_width // CELL_SIZE), grid[1] * -(-view_height // CELL_SIZE))
+    blocks = (grid[0] * -(-view_width // BLOCK_SIZE), grid[1] * -(-view_height // BLOCK_SIZE))
     return Stage(
         "denoise",
         buffers={
             **dict.fromkeys(("denoise_cells", "denoise_neighborhoods"), cells[0] * cells[1]),
+            **dict.fromkeys(("denoise_blocks", "denoise_shares", "denoise_gains"), blocks[0] * blocks[1]),
             "denoise_ping": Aliased("previous_denoise_diffuse", pixels),
             "denoise_pong": Aliased("previous_denoise_specular", pixels),
         },
@@ -67,11 +70,17 @@ def stage(
             Pass("denoise/accumulate", threads=size, constants=skips),
             # How uncertain each mean is, and the a-trous wavelet filter (Dammertz et al. 2010) that follows from it.
             Pass("denoise/variance", threads=size, constants={"block_width": block_width}),
+            # The light that it takes from fireflies is given to what is around them.
+            Pass("denoise/removed_light", threads=blocks),
+            *(
+                Pass("denoise/spread_light", threads=blocks, constants={"gathers": gathers})
+                for gathers in (False, True)
+            ),
             *(Pass("denoise/blur", threads=size, constants={"level": level}) for level in range(LEVELS)),
         ],
     )
 
 
 def glsl_header() -> str:
-    """`const uint CELL_SIZE = 4u;`"""
-    return constants(CELL_SIZE=CELL_SIZE)
+    """`const uint CELL_SIZE = 4u;` and BLOCK_SIZE."""
+    return constants(CELL_SIZE=CELL_SIZE, BLOCK_SIZE=BLOCK_SIZE)

@@ -360,6 +360,38 @@ def polished_floor(roughness: ArrayLike = (0.0, 0.0025, 0.01), base_color: Array
     return scene
 
 
+def sunlit_metal_floor(roughness: float = 0.02) -> Scene:
+    """A matte room, 4 x 2.5 x 5 m, with a window to the sun, a red ball and a floor of metal. Most of its light is what
+    the floor reflects of the sun, which paths from the walls find by chance alone. roughness: GGX's alpha."""
+    scene = Scene(name="sunlit_metal_floor")
+    plaster = matte((0.7, 0.7, 0.7), "plaster")
+    walls = (
+        *(
+            ((-0.1, 0, 0), (0, 2.5, 5)),
+            ((0, 0, -0.1), (4, 2.5, 0)),
+            ((0, 0, 5), (4, 2.5, 5.1)),
+            ((0, 2.5, 0), (4, 2.6, 5)),
+        ),
+        # Around the window.
+        *(
+            ((4, 0, 0), (4.1, 0.9, 5)),
+            ((4, 1.9, 0), (4.1, 2.5, 5)),
+            ((4, 0.9, 0), (4.1, 1.9, 1.5)),
+            ((4, 0.9, 3), (4.1, 1.9, 5)),
+        ),
+    )
+    for i, (low, high) in enumerate(walls):
+        scene.add(shapes.box(low, high), plaster, name=f"wall {i}")
+    metal = Material(
+        base_color=rgb((0.9, 0.85, 0.8)), metallic=1.0, perceptual_roughness=math.sqrt(roughness), name="metal"
+    )
+    scene.add(shapes.quad((2, 0, 2.5), (0, 0, 2.5), (2, 0, 0)), metal, name="floor")
+    scene.add(shapes.sphere(0.4, 32), matte((0.6, 0.2, 0.2), "red"), (1.2, 0.4, 1.5), name="ball")
+    scene.add(DirectionalLight(direction=(-1.6, -1.2, -0.25), illuminance=8e4, name="sun"))
+    scene.add(Camera.look_at((2, 1.3, 4.7), (1.8, 1.1, 0), vertical_fov=math.radians(65), ev100=9.0))
+    return scene
+
+
 def lamp_gap(gap: float = 0.03) -> Scene:
     """A closed matte room, 4 x 3 x 4 m, with a block. Its lamp is a flat panel, 1.2 x 0.6 m, `gap` meters below the
     ceiling, and emits on both sides, so that the ceiling around it shines."""
@@ -383,7 +415,7 @@ def lamp_gap(gap: float = 0.03) -> Scene:
 
 _FUNCTIONS: tuple[Callable[..., Scene], ...] = (
     *(cornell_box, closed_box, many_lights, rooms, mirror_hall),
-    *(thin_wall, sphere_grid, shiny_floor, polished_floor, lamp_gap),
+    *(thin_wall, sphere_grid, shiny_floor, polished_floor, sunlit_metal_floor, lamp_gap),
 )
 SCENES = {function.__name__: function for function in _FUNCTIONS}
 

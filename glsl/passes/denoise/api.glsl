@@ -3,6 +3,7 @@
 #define PASSES_DENOISE_API_GLSL
 
 #include "passes/denoise/at_jitter.glsl"
+#include "passes/denoise/removed_light.glsl"
 
 struct Denoised {
     vec3 diffuse;  // demodulated, as all light of the denoiser
@@ -42,7 +43,14 @@ Denoised denoised(uvec2 pixel) {
     denoised_at_jitter(ivec2(pixel), diffuse, specular);
     uint kind = kind_of(denoise_guides.at[element_index(pixel, camera.size)]);
     vec2 deviations = max(vec2(diffuse.standard_error, specular.standard_error), 0.0);
-    return Denoised(diffuse.radiance, specular.radiance, psr_albedo(ivec2(pixel), kind), deviations);
+    vec2 gains = gains_at(pixel);
+    // Nobody knows where the light of fireflies belongs, so all that a pixel gets of it counts as error too.
+    vec2 gained = gains * vec2(luminance(diffuse.radiance), luminance(specular.radiance));
+    deviations = sqrt(deviations * deviations + gained * gained);
+    return Denoised(
+        (1.0 + gains.x) * diffuse.radiance, (1.0 + gains.y) * specular.radiance, psr_albedo(ivec2(pixel), kind),
+        deviations
+    );
 }
 
 #endif

@@ -88,6 +88,21 @@ def check_outliers(device):
         assert after(device, 64, light).mean() == pytest.approx(1, abs=bar), once_in
 
 
+def check_spread_light(device):
+    """Light by one pixel in 256, another one in each frame, is in the picture from the first frame on: what is taken
+    from fireflies is spread, as light and as error."""
+    light = "0.5 + ((pixel.x + 5 * int(this_frame.index)) % 16 == 3 && pixel.y % 16 == 7 ? 128.0 : 0.0)"
+    for frames in (1, 4, 16):
+        found = after(device, frames, light)
+        print(f"frame {frames}: mean {found.mean():.3f}, from {found.min():.2f} to {found.max():.2f}")
+        assert found.mean() == pytest.approx(1, abs=0.03), frames
+        assert found.min() > 0.4
+        assert found.max() < 4
+    with denoising(device, white_wall(), light) as renderer:
+        frame = renderer.render()
+    assert (frame["error"] > 0.4 * light_of(frame)).all()
+
+
 def check_rare_reflections(device):
     """On a smooth ball, whose normals keep the blur narrow, reflections by one sample in 20 have less noise the longer
     the history is: 0.23 and 0.16 of the light were measured, 0.23 and 0.30 where pixels with 40 frames are judged by
@@ -233,6 +248,7 @@ BUGS = {
             "return found;",
         ),
     ),
+    "spread light": (check_spread_light, Bug("passes/denoise/removed_light.glsl", "gains_at", "return vec2(0.0);")),
     "histories": (check_motion, Bug(PREVIOUS_FRAME, "motion_in_pixels", "return correct(-motion);")),
     "new pixels": (
         check_motion,
