@@ -13,7 +13,9 @@ from solari_vk.gpu.frame.stages import Aliased, History, Pass, Stage
 from solari_vk.gpu.shaders.headers import constants
 
 CELL_SIZE = 4  # width in pixels of a gradient cell, an element of `denoise_cells`
-BLOCK_SIZE = 8  # the same of a block, over which light taken from fireflies is summed: an element of `denoise_blocks`
+LIGHT_BLOCK_SIZE = (
+    8  # the same of a block, over which light taken from fireflies is summed: an element of `denoise_blocks`
+)
 LEVELS = 5  # passes of the blur, each twice as wide as the one before; an odd number ends in `denoise_pong`
 
 
@@ -54,7 +56,7 @@ def stage(
     # outside: -(-a // b) rounds up.
     view_width, view_height = size[0] // grid[0], size[1] // grid[1]
     cells = (grid[0] * -(-view_width // CELL_SIZE), grid[1] * -(-view_height // CELL_SIZE))
-    blocks = (grid[0] * -(-view_width // BLOCK_SIZE), grid[1] * -(-view_height // BLOCK_SIZE))
+    blocks = (grid[0] * -(-view_width // LIGHT_BLOCK_SIZE), grid[1] * -(-view_height // LIGHT_BLOCK_SIZE))
     return Stage(
         "denoise",
         buffers={
@@ -82,5 +84,5 @@ def stage(
 
 
 def glsl_header() -> str:
-    """`const uint CELL_SIZE = 4u;` and BLOCK_SIZE."""
-    return constants(CELL_SIZE=CELL_SIZE, BLOCK_SIZE=BLOCK_SIZE)
+    """`const uint CELL_SIZE = 4u;` and LIGHT_BLOCK_SIZE."""
+    return constants(CELL_SIZE=CELL_SIZE, LIGHT_BLOCK_SIZE=LIGHT_BLOCK_SIZE)

@@ -21,7 +21,7 @@ void main() {
     uvec2 block = gl_GlobalInvocationID.xy;
     uint block_index;
     if (denoise_settings.denoise == 0u || !find_element(block, block_count(), block_index)) { return; }
-    uvec2 begin = block * BLOCK_SIZE, end = min(begin + BLOCK_SIZE, camera.size);
+    uvec2 begin = block * LIGHT_BLOCK_SIZE, end = min(begin + LIGHT_BLOCK_SIZE, camera.size);
     mat2 sum = mat2(0.0);  // a column for each lobe
     for (uint y = begin.y; y < end.y; y++) {
         for (uint x = begin.x; x < end.x; x++) {

@@ -6,7 +6,7 @@
 
 #extension GL_EXT_scalar_block_layout : require
 
-#include "generated/passes/denoise.glsl"  // BLOCK_SIZE, written by solari_vk/passes/denoise.py
+#include "generated/passes/denoise.glsl"  // LIGHT_BLOCK_SIZE, written by solari_vk/passes/denoise.py
 #include "passes/views.glsl"
 
 // Sums of luminances over a block, of the diffuse and of the specular lobe. Colors would be seen far from where they
@@ -24,7 +24,7 @@ layout(set = 1, scalar) buffer DenoiseGainsBlock { vec2 at[]; } denoise_gains;
 const int SPREAD_RADIUS = 4;  // of a neighborhood, in blocks
 const float MAX_GAIN = 63.0;
 
-uvec2 block_count() { return (camera.size + BLOCK_SIZE - 1u) / BLOCK_SIZE; }
+uvec2 block_count() { return (camera.size + LIGHT_BLOCK_SIZE - 1u) / LIGHT_BLOCK_SIZE; }
 
 // The weight of a block in the neighborhood of another.
 float spread_weight(ivec2 step) {
@@ -34,7 +34,7 @@ float spread_weight(ivec2 step) {
 
 // What the lobes of a pixel get, over the light that they have.
 vec2 gains_at(uvec2 pixel) {
-    vec2 place = (vec2(pixel) + 0.5) / float(BLOCK_SIZE) - 0.5, corner = floor(place), between = place - corner;
+    vec2 place = (vec2(pixel) + 0.5) / float(LIGHT_BLOCK_SIZE) - 0.5, corner = floor(place), between = place - corner;
     vec2 gains = vec2(0.0);
     for (int i = 0; i < 4; i++) {
         vec2 side = vec2(i % 2, i / 2), weights = mix(1.0 - between, between, side);

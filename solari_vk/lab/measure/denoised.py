@@ -33,7 +33,7 @@ from solari_vk.scene.model import Camera, Instance, Scene
 from solari_vk.settings import Settings
 
 Picture = NDArray[np.float64]
-SCENES = ("cornell_box", "sphere_grid", "mirror_hall", "many_lights", "polished_floor")
+SCENES = ("cornell_box", "sphere_grid", "mirror_hall", "many_lights", "polished_floor", "sunlit_metal_floor")
 MOVED = {"cornell_box": ("short block", "lamp")}  # instances of built-in scenes that a case moves
 LOOKS = (1, 8, 32, 128)  # frames after a reset
 MOTION = 32  # frames of a case in motion
