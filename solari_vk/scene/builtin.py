@@ -387,7 +387,7 @@ def sunlit_metal_floor(roughness: float = 0.02) -> Scene:
     )
     scene.add(shapes.quad((2, 0, 2.5), (0, 0, 2.5), (2, 0, 0)), metal, name="floor")
     scene.add(shapes.sphere(0.4, 32), matte((0.6, 0.2, 0.2), "red"), (1.2, 0.4, 1.5), name="ball")
-    scene.add(DirectionalLight(direction=(-1.6, -1.2, -0.25), illuminance=8e4, name="sun"))
+    scene.add(DirectionalLight(direction=np.array((-1.6, -1.2, -0.25), np.float32), illuminance=8e4, name="sun"))
     scene.add(Camera.look_at((2, 1.3, 4.7), (1.8, 1.1, 0), vertical_fov=math.radians(65), ev100=9.0))
     return scene
 
