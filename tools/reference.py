@@ -21,6 +21,7 @@ from typing import Any
 
 from solari_vk import cli
 from solari_vk.base.errors import OTHER_WORDS, other_words
+from solari_vk.cli.options import shown_parts
 from solari_vk.passes.debug_views import DEBUG_VIEWS
 from solari_vk.passes.first_hits import FIRST_HITS, GEOMETRY
 from solari_vk.settings import DEFAULTS, FIELDS, QUALITIES, allowed
@@ -162,25 +163,23 @@ def outputs(_: str, part: str) -> str:
 def commands(_: str) -> str:
     """Every command with a table of what it takes."""
     return "\n".join(
-        line for name, command in _commands(cli._parser()).items() for line in _command(f"solari-vk {name}", command, 2)
+        line
+        for name, command in shown_parts(cli._parser()).items()
+        for line in _command(f"solari-vk {name}", command, 2)
     )
-
-
-def _commands(parser: argparse.ArgumentParser) -> dict[str, argparse.ArgumentParser]:
-    """The commands of a parser by name."""
-    actions = (action for action in parser._actions if isinstance(action, argparse._SubParsersAction))
-    return {name: inner for action in actions for name, inner in action.choices.items()}
 
 
 def _command(name: str, parser: argparse.ArgumentParser, level: int) -> list[str]:
     lines = [f"{'#' * level} {name}\n", *([f"{text_in_table(parser.description)}\n"] if parser.description else [])]
+    examples = getattr(parser, "examples", ())
+    lines += ["```sh", *examples, "```\n"] if examples else []
     options = [a for a in parser._actions if not isinstance(a, argparse._SubParsersAction | argparse._HelpAction)]
     if options:
         lines += ["| option | meaning |", "| --- | --- |"]
         formatter = parser._get_formatter()  # which fills `%(listing)s` in
         lines += [f"| {_spelling(action)} | {text_in_table(formatter._expand_help(action))} |" for action in options]
         lines.append("")
-    for part, inner in _commands(parser).items():
+    for part, inner in shown_parts(parser).items():
         lines += _command(f"{name} {part}", inner, level + 1)
     return lines
 

@@ -5,7 +5,8 @@ This table is all that the core knows of the commands of the wings, whose module
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import ClassVar
 
 from solari_vk.cli.options import Command
 
@@ -15,6 +16,47 @@ class NoOptions:
     """A command without options."""
 
 
+# For those who develop renderers and drivers.
+LAB = (
+    Command(
+        "bench",
+        "measure speed, loading, or the realtime frame",
+        "lab.cli.bench:run",
+        "lab.cli.bench:Measurement",
+        examples=("solari-vk lab bench --help",),
+    ),
+    Command(
+        "trial",
+        "render glTF files by other renderers too, and compare: Cycles, Mitsuba",
+        "lab.cli.trial:run",
+        "lab.cli.trial:TrialJob",
+        examples=("solari-vk lab trial model.glb -o trial",),
+    ),
+    Command(
+        "fidelity",
+        "render scenarios of Khronos' glTF render fidelity generator",
+        "lab.cli.fidelity:run",
+        "lab.cli.fidelity:FidelityJob",
+        examples=("solari-vk lab fidelity --help",),
+    ),
+    Command(
+        "conformance",
+        "measure whether a device keeps the rules of the specification",
+        "lab.cli.conformance:run",
+        "lab.cli.conformance:ConformanceJob",
+        examples=("solari-vk lab conformance",),
+    ),
+)
+
+
+@dataclass(frozen=True)
+class LabOptions:
+    """A command below it is given."""
+
+    DESCRIPTION: ClassVar = "Commands for those who develop renderers and drivers."
+    PARTS: ClassVar = LAB
+
+
 # Where the help lists them: what users need first comes first.
 COMMANDS = (
     Command(
@@ -22,64 +64,87 @@ COMMANDS = (
         "render a glTF file or a built-in scene to a picture or an animation",
         "cli.render:run",
         "cli.jobs:RenderOptions",
+        examples=(
+            "solari-vk render model.glb -o picture.png",
+            "solari-vk render model.glb --size 1920x1080 --samples 256 -o picture.png",
+            "solari-vk render model.glb --animate orbit --seconds 4 -o turn.mp4",
+        ),
     ),
     Command(
-        "view", "open a window on a scene: fly around, edit, compare", "studio.commands:view", "studio.jobs:ViewJob"
+        "view",
+        "open a window on a scene: fly around, edit, compare",
+        "studio.commands:view",
+        "studio.jobs:ViewJob",
+        examples=("solari-vk view model.glb", "solari-vk view builtin:cornell_box --quality high"),
     ),
     Command(
-        "serve", "show a scene in browsers: orbit, zoom, pick, compare", "studio.commands:serve", "studio.jobs:ServeJob"
+        "serve",
+        "show a scene in browsers: orbit, zoom, pick, compare",
+        "studio.commands:serve",
+        "studio.jobs:ServeJob",
+        examples=("solari-vk serve model.glb", "solari-vk serve model.glb --host 0.0.0.0 --port 8000"),
     ),
     Command(
         "dataset",
         "render many views of a scene, with transforms.json and further outputs",
         "data.cli.dataset:run",
         "data.cli.jobs:DatasetJob",
+        examples=(
+            "solari-vk dataset model.glb --views 100 -o views",
+            "solari-vk dataset model.glb --views 100 --aov depth,instance_id --annotations coco -o views",
+        ),
     ),
     Command(
         "denoise",
         "denoise the frames of an animation that any renderer made",
         "cli.denoise:run",
         "cli.denoise:DenoiseJob",
+        examples=("solari-vk denoise --help",),
     ),
     Command(
         "compare",
         "how far two pictures are apart: relMSE, means, FLIP",
         "cli.without_device:compare",
         "cli.without_device:CompareJob",
+        examples=("solari-vk compare picture.exr reference.exr",),
     ),
     Command(
         "settings",
         "list the settings and qualities, with meaning, range and default",
         "cli.without_device:settings",
         NoOptions,
+        examples=("solari-vk settings",),
     ),
-    Command("views", "list the debug views, with meaning", "cli.without_device:views", NoOptions),
+    Command(
+        "views",
+        "list the debug views, with meaning",
+        "cli.without_device:views",
+        NoOptions,
+        examples=("solari-vk views",),
+    ),
     Command(
         "info",
         "what this machine can do, what is missing, and the command that mends it",
         "cli.info:run",
         NoOptions,
         aliases=("doctor",),
-    ),
-    Command("bench", "measure speed, loading, or the realtime frame", "lab.cli.bench:run", "lab.cli.bench:Measurement"),
-    Command(
-        "trial",
-        "render glTF files by other renderers too, and compare: Cycles, Mitsuba",
-        "lab.cli.trial:run",
-        "lab.cli.trial:TrialJob",
+        examples=("solari-vk info",),
     ),
     Command(
-        "fidelity",
-        "render scenarios of Khronos' glTF render fidelity generator",
-        "lab.cli.fidelity:run",
-        "lab.cli.fidelity:FidelityJob",
+        "completion",
+        "print a script that completes words in bash, zsh or fish",
+        "cli.completion:run",
+        "cli.completion:CompletionJob",
+        examples=('eval "$(solari-vk completion bash)"', "solari-vk completion fish"),
     ),
     Command(
-        "conformance",
-        "measure whether a device keeps the rules of the specification",
-        "lab.cli.conformance:run",
-        "lab.cli.conformance:ConformanceJob",
+        "lab",
+        "measure renderers and drivers: bench, trial, fidelity, conformance",
+        "",
+        LabOptions,
+        examples=("solari-vk lab bench --help", "solari-vk lab conformance"),
     ),
+    *(replace(command, hidden=True) for command in LAB),
 )
 
 ANIMATION = "data.cli.animation:run"

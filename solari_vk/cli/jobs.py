@@ -169,6 +169,9 @@ class RenderOptions(SharedPicture):
     """What `solari-vk render` is given; cli/render.py makes a StillJob or a MovieJob of it."""
 
     DESCRIPTION: ClassVar = "Render a glTF file or a built-in scene. Ctrl-C keeps what is rendered so far."
+    FIRST: ClassVar = (
+        "output", "size", "quality", "samples", "denoise", "camera", "environment", "exposure", "animate", "duration",
+    )  # fmt: skip
     GROUPS: ClassVar = {
         "realtime": ("view", "quality", "settings", "frames", "warm_up", "average"),
         "reference": ("samples", "max_bounces", "denoise"),
@@ -232,6 +235,9 @@ class RenderOptions(SharedPicture):
         "the path)",
         "S",
         type=float,
+        names=("--seconds", "--duration"),
+        dest="duration",
+        default=None,
     )
     samples: int | None = option(
         f"samples per pixel of each picture ({SAMPLES}; with --denoise {DENOISED_SAMPLES})", "N", type=positive

@@ -64,7 +64,9 @@ class _Listing:
 class Command:
     """A command: its name, the function that does it, and its job, each as MODULE:NAME below solari_vk.
 
-    A job may have a DESCRIPTION, and PARTS: commands below this one, each of which may stand behind its name.
+    A job may have a DESCRIPTION, and PARTS: commands below this one, each of which may stand behind its name; without
+    `does` one of them must. FIRST of a job: the options that the short help has, where `--help all` has the rest.
+    examples: command lines, which the help begins with. hidden: the help of all commands doesn't list it.
     """
 
     name: str
@@ -72,6 +74,8 @@ class Command:
     does: str
     job: str | type[Any]
     aliases: tuple[str, ...] = ()
+    examples: tuple[str, ...] = ()
+    hidden: bool = False
 
     @property
     def job_type(self) -> type[Any]:
@@ -101,8 +105,40 @@ class Command:
 _WRONG_COMMAND = re.compile(r"argument (COMMAND|PART): invalid choice: '(.*)' \(choose from (.*)\)")  # argparse's words
 
 
+class _Help(argparse._HelpAction):
+    """--help, or --help all."""
+
+    def __init__(self, option_strings: Sequence[str]) -> None:
+        super().__init__(option_strings, help="show this, or with the word all every option")
+        self.nargs = "?"
+        self.metavar = "all"
+
+    def __call__(self, parser: Any, namespace: Any, values: Any, option_string: str | None = None) -> None:
+        parser._print_message(parser.format_help() if values == "all" else parser.short_help(), sys.stdout)
+        parser.exit()
+
+
 class _Parser(argparse.ArgumentParser):
-    """A parser, also of the commands below, whose errors don't repeat endless words."""
+    """A parser, also of the commands below, whose errors don't repeat endless words. examples, first: see `Command`."""
+
+    examples: tuple[str, ...] = ()
+    first: tuple[str, ...] = ()
+
+    def format_help(self) -> str:
+        lines = "".join(f"  {example}\n" for example in self.examples)
+        return (f"examples:\n{lines}\n" if lines else "") + super().format_help()
+
+    def short_help(self) -> str:
+        """The help with the options that people use first."""
+        rest = [one for one in self._actions if one.option_strings and one.dest not in self.first]
+        rest = [one for one in rest if not isinstance(one, _Help)]
+        texts = [one.help for one in rest]
+        for one in rest:
+            one.help = argparse.SUPPRESS
+        text = self.format_help()
+        for one, help_text in zip(rest, texts, strict=True):
+            one.help = help_text
+        return f"{text}\n{len(rest)} more options: {self.prog} --help all\n"
 
     def error(self, message: str) -> NoReturn:
         wrong = _WRONG_COMMAND.fullmatch(message)
@@ -126,6 +162,11 @@ def make_parser(commands: Sequence[Command], wanted: str | None = None) -> argpa
     wanted: the only command whose options are needed, so that the modules of the others aren't imported.
     """
     parser = _Parser(prog="solari-vk", description="Raytraced lighting on any Vulkan device that traces rays.")
+    parser.examples = (
+        "solari-vk render model.glb -o picture.png",
+        "solari-vk view model.glb",
+        "solari-vk render --help",
+    )
     parser.add_argument("--version", action="version", version=f"solari_vk {__version__}")
     _add_commands(parser.add_subparsers(required=True, metavar="COMMAND"), commands, wanted)
     return parser
@@ -164,23 +205,39 @@ def _why_unknown(command: Command, words: Sequence[str]) -> str:
 
 def _add_commands(place: Any, commands: Sequence[Command], wanted: str | None) -> None:
     for command in commands:
+        shown = {} if command.hidden else {"help": command.meaning}  # without this word it isn't listed
         if wanted is not None and wanted not in (command.name, *command.aliases):
             # The list of commands shows its name, and argparse doesn't ask for its options.
-            place.add_parser(command.name, help=command.meaning, aliases=command.aliases)
+            place.add_parser(command.name, aliases=command.aliases, **shown)
             continue
         job = command.job_type
         parser = place.add_parser(
             command.name,
-            help=command.meaning,
             description=command.description,
             aliases=command.aliases,
             argument_default=argparse.SUPPRESS,
+            add_help=not hasattr(job, "FIRST"),
+            **shown,
         )
+        parser.examples = command.examples
+        if hasattr(job, "FIRST"):
+            parser.first = job.FIRST
+            parser._add_action(_Help(("-h", "--help")))
         # The innermost command wins: argparse sets the defaults of a command before those of its part.
         parser.set_defaults(command=command)
         _add_options(parser, job)
         if command.parts:
-            _add_commands(parser.add_subparsers(metavar="PART"), command.parts, None)
+            parts = parser.add_subparsers(metavar="PART", required=not command.does)
+            _add_commands(parts, command.parts, None)
+
+
+def shown_parts(parser: argparse.ArgumentParser) -> dict[str, argparse.ArgumentParser]:
+    """The commands of a parser by name, but hidden ones and other names of one."""
+    found: dict[str, argparse.ArgumentParser] = {}
+    for action in parser._actions:
+        if isinstance(action, argparse._SubParsersAction):
+            found |= {one.dest: action.choices[one.dest] for one in action._choices_actions}
+    return found
 
 
 def _add_options(parser: argparse.ArgumentParser, job: type[Any]) -> None:
@@ -194,6 +251,49 @@ def _add_options(parser: argparse.ArgumentParser, job: type[Any]) -> None:
             action = place.add_argument(*(options[name]["names"] or [spelled(name)]), **options[name]["how"])
             # argparse fills `%(listing)s` in a help text with the attribute of this name.
             vars(action)["listing"] = _Listing(options[name]["listing"])
+
+
+@dataclass(frozen=True)
+class Word:
+    """An option: its names, the choices for its value, and whether it has a value."""
+
+    names: tuple[str, ...]
+    choices: tuple[str, ...]
+    has_value: bool
+
+
+@dataclass(frozen=True)
+class Outline:
+    """The words that a command takes. path: those that lead to it. parts: the meanings of the commands below it."""
+
+    path: tuple[str, ...]
+    parts: dict[str, str]
+    options: tuple[Word, ...]
+    choices: tuple[str, ...]
+    """Of its arguments without names."""
+
+
+def outlines(commands: Sequence[Command]) -> list[Outline]:
+    """What completion needs of all commands that aren't hidden, the program's own first."""
+    return _outlines(make_parser(commands), ())
+
+
+def _outlines(parser: argparse.ArgumentParser, path: tuple[str, ...]) -> list[Outline]:
+    parts: dict[str, str] = {}
+    options = []
+    choices: list[str] = []
+    for action in parser._actions:
+        if isinstance(action, argparse._SubParsersAction):
+            parts |= {one.dest: one.help or "" for one in action._choices_actions}
+        elif action.option_strings:
+            values = tuple(map(str, action.choices or ()))
+            options.append(Word(tuple(action.option_strings), values, action.nargs != 0))
+        else:
+            choices += map(str, action.choices or ())
+    found = [Outline(path, parts, tuple(options), tuple(choices))]
+    for name, part in shown_parts(parser).items():
+        found += _outlines(part, (*path, name))
+    return found
 
 
 def spelled(name: str) -> str:

@@ -16,6 +16,8 @@ from solari_vk.cli.options import count, flag, option, positive, size
 class ViewJob(RealtimeOptions, PictureOptions):
     """An interactive window."""
 
+    FIRST: ClassVar = ("size", "mode", "quality", "camera", "environment", "exposure", "fps", "beside", "device")
+
     size: tuple[int, int] = option("width and height of the window (1280x720)", "WxH", type=size, default=(1280, 720))
     mode: str = option(
         "Solari's realtime lighting, the path tracer, or both side by side (realtime)",
@@ -51,6 +53,7 @@ class ServeJob(RealtimeOptions, PictureOptions):
         "Show a scene in browsers, on this machine or another one. Nothing is rendered while no page is open. Ctrl-C "
         "ends it."
     )
+    FIRST: ClassVar = ("size", "mode", "quality", "camera", "environment", "exposure", "host", "port", "device")
     GROUPS: ClassVar = {"server": ("host", "port", "token", "shared")}
 
     size: tuple[int, int] = option(

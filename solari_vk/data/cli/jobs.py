@@ -18,6 +18,9 @@ class DatasetJob(SharedPicture):
         "Render many views of a scene into a folder, with transforms.json in the convention of NeRF. All views have "
         "one exposure, unless a file of poses gives theirs. The command goes on where it was stopped."
     )
+    FIRST: ClassVar = (
+        "output", "views", "size", "samples", "aov", "annotations", "labels", "randomize", "format", "environment",
+    )  # fmt: skip
     GROUPS: ClassVar = {
         "realtime": ("view", "quality", "settings", "warm_up", "average"),
         "several devices": ("workers", "cluster", "shared_folder"),
