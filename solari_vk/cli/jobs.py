@@ -8,7 +8,20 @@ from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar
 
 from solari_vk.base.errors import SolariError
-from solari_vk.cli.options import ON_OR_OFF, count, factor, flag, number, one_of, option, positive, seconds, size, words
+from solari_vk.cli.options import (
+    ON_OR_OFF,
+    count,
+    factor,
+    flag,
+    number,
+    one_of,
+    option,
+    place,
+    positive,
+    seconds,
+    size,
+    words,
+)
 from solari_vk.output.movie import SUFFIXES
 
 if TYPE_CHECKING:
@@ -59,7 +72,11 @@ class SceneOptions:
         '{"position": [0, 1, 3], "target": [0, 1, 0]}',
         "N|NAME|JSON|FILE",
     )
-    exposure: str | None = option("exposure value (the camera's; for files with lights auto)", "EV100|auto")
+    exposure: str | None = option(
+        "exposure value (the camera's; for files with lights auto, which the first picture of an animation decides; "
+        "each: every picture of an animation its own)",
+        "EV100|auto|each",
+    )
     tonemap: str = option(
         "tone mapping: %(listing)s (agx)",
         "NAME",
@@ -76,6 +93,16 @@ class SceneOptions:
     )
     environment_rotation: float = option("turn it about the vertical axis (0)", "DEGREES", type=number, default=0.0)
     environment_intensity: float = option("make it brighter or darker (1)", "FACTOR", type=factor, default=1.0)
+    place: tuple[float, float] | None = option(
+        "latitude and longitude of the --sun, in degrees: 52.5,13.4, or --place=-33.9,151.2; -z is north",
+        "LAT,LON",
+        type=place,
+    )
+    sun: str | None = option(
+        "a sky with the sun of this time, with its zone, such as 2026-06-21T15:00+02:00; from a time to another one "
+        "with --animate sun",
+        "TIME[/TIME]",
+    )
     validation: bool = flag("use the Vulkan validation layer")
 
     def check(self) -> None:
@@ -94,10 +121,12 @@ class SceneOptions:
             "--environment-intensity",
             f"{self.environment_intensity:g}",
         ]
-        for name in ("scene", "variant", "up", "unit"):
+        for name in ("scene", "variant", "up", "unit", "sun"):
             value = getattr(self, name)
             if value is not None:
                 found.append(f"--{name}={value}")
+        if self.place is not None:
+            found.append(f"--place={self.place[0]},{self.place[1]}")
         if self.strict:
             found.append("--strict")
         return found
@@ -225,9 +254,9 @@ class RenderOptions(SharedPicture):
         type=positive,
     )
     animate: str | None = option(
-        "go around the scene, swing by an angle, play the file's animation (the word file), or follow the camera poses "
-        "of a JSON file",
-        "orbit[:DEGREES]|file|FILE",
+        "go around the scene, swing by an angle, play the file's animation (the word file), move the --sun (the word "
+        "sun), or follow the camera poses of a JSON file",
+        "orbit[:DEGREES]|file|sun|FILE",
     )
     fps: int = option("pictures a second of an animation (24)", "N", type=positive, default=24)
     duration: float | None = option(

@@ -8,7 +8,8 @@ import re
 import sys
 import warnings
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from datetime import datetime
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +19,7 @@ from solari_vk.base.files import read_json
 from solari_vk.cli.jobs import ORBIT_SECONDS, MovieJob, SceneOptions, StillJob
 from solari_vk.output.animation import MAX_CAMERAS, load_path, orbit, orbit_turns
 from solari_vk.scene.files.libraries import INSTALL
+from solari_vk.scene.lights.sky import Sky
 from solari_vk.scene.model import Animation, Camera, Scene
 from solari_vk.scene.presenting.surroundings import surround
 from solari_vk.scene.shutter import Shutter
@@ -40,6 +42,16 @@ class LoadedScene:
     """What --animate file plays."""
     still: Animation | None = None
     """The clip of which --time chose the pose."""
+    sun_times: list[datetime] = field(default_factory=list)
+    """Of the pictures of --animate sun."""
+
+    def pose(self, picture: int, fps: int) -> None:
+        """Pose the scene as a picture of an animation shows it."""
+        if self.clip is not None:
+            self.clip.apply(self.scene, picture / fps)
+        if self.sun_times:
+            environment: Any = self.scene.environment
+            environment.time = self.sun_times[picture]
 
 
 @dataclass(frozen=True)
@@ -69,7 +81,8 @@ def load_scene(
     # Before lights are added: they widen the scene's bounds, around whose center an orbit goes.
     cameras = [camera] if movie is None else _animated_cameras(movie, scene, camera, played, path)
     # By the camera in front, so that --camera doesn't turn the light.
-    light_added, lit_by_studio = surround(scene, front, job.environment)
+    light_added, lit_by_studio = surround(scene, front, "sky" if job.sun else job.environment)
+    times = _place_sun(job, scene, len(cameras))
     _hide_backdrop(job, scene, cameras)
     if light_added:
         print(f"{job.source} has no light of its own: it is {light_added}", file=sys.stderr)
@@ -77,7 +90,7 @@ def load_scene(
     auto_exposure = _expose(cameras, job.exposure or _default_exposure(job, cameras[0], lit_by_studio))
     for warning in scene.warnings:
         print(f"warning: {warning}", file=sys.stderr)
-    return LoadedScene(scene, cameras, auto_exposure, played, still)
+    return LoadedScene(scene, cameras, auto_exposure, played, still, times)
 
 
 def set_exposure(cameras: Iterable[Camera], ev100: float) -> None:
@@ -142,6 +155,31 @@ def _hide_backdrop(job: SceneOptions, scene: Scene, cameras: Iterable[Camera]) -
         )
     if scene.backdrop is not None:
         scene.backdrop.visible = False
+
+
+def _place_sun(job: SceneOptions, scene: Scene, count: int) -> list[datetime]:
+    """Give the sky the sun of --place and --sun; returns the times of the pictures of --animate sun."""
+    moves = isinstance(job, MovieJob) and job.animate == "sun"
+    if job.sun is None and job.place is None and not moves:
+        return []
+    if job.sun is None or job.place is None:
+        raise SolariError("--sun and --place go together: --place 52.5,13.4 --sun 2026-06-21T15:00+02:00")
+    if job.environment not in ("auto", "sky"):
+        raise SolariError(f"--sun: it is in a sky, not in --environment {job.environment}: leave one of the two out")
+    texts = job.sun.split("/")
+    if len(texts) != (2 if moves else 1):
+        raise SolariError(
+            f"--sun {job.sun}: a still picture has one time, --animate sun two, such as "
+            "2026-06-21T06:00+02:00/2026-06-21T20:00+02:00"
+        )
+    times: list[Any] = []
+    sky = Sky()
+    for text in reversed(texts):
+        sky.update(place=job.place, time=text)
+        times.insert(0, sky.time)
+    scene.environment = sky
+    first, last = times[0], times[-1]
+    return [first + (last - first) * (index / max(count - 1, 1)) for index in range(count)] if moves else []
 
 
 def _adjust_environment(job: SceneOptions, scene: Scene) -> None:
@@ -257,6 +295,8 @@ def _animated_cameras(
         raise SolariError(f"{option}: an animation has at most {MAX_CAMERAS:,} pictures")
     if clip is not None:
         return [camera] * count  # the scene moves, the camera rests
+    if movie.animate == "sun":
+        return [camera] * count
     if path is not None:
         return orbit(camera, scene.bounds.center, count, path.swing)
     if movie.animate in scene.animations and not Path(movie.animate).exists():
@@ -269,6 +309,8 @@ def _animated_cameras(
 
 def _default_exposure(job: SceneOptions, camera: Camera, lit_by_studio: bool) -> str:
     # The light of built-in scenes and of the studio is made for the exposure that their cameras have.
+    if job.sun:
+        return "auto"
     if job.source.startswith(BUILTIN) or lit_by_studio:
         return "camera"
     return "camera" if camera.has_exposure and not camera.auto_exposure else "auto"
@@ -276,7 +318,7 @@ def _default_exposure(job: SceneOptions, camera: Camera, lit_by_studio: bool) ->
 
 def _expose(cameras: Sequence[Camera], exposure: str) -> bool:
     """Expose cameras as by the option --exposure; whether the picture decides instead."""
-    if exposure == "auto":
+    if exposure in ("auto", "each"):
         return True
     if exposure == "camera":
         for camera in cameras:
@@ -286,5 +328,5 @@ def _expose(cameras: Sequence[Camera], exposure: str) -> bool:
     try:
         set_exposure(cameras, float(exposure))
     except ValueError:
-        raise SolariError(f"--exposure {exposure}: give an EV100 such as 9.5, or auto") from None
+        raise SolariError(f"--exposure {exposure}: give an EV100 such as 9.5, auto or each") from None
     return False

@@ -372,6 +372,12 @@ def seconds(text: str) -> tuple[float, float]:
     return parts[0], parts[1] if len(parts) == 2 else 0.0
 
 
+def place(text: str) -> tuple[float, float]:
+    """Latitude and longitude from a text such as 52.5,13.4."""
+    latitude, _, longitude = text.partition(",")
+    return number(latitude), number(longitude)
+
+
 def factor(text: str) -> float:
     """A finite number that isn't negative."""
     value = number(text)

@@ -87,8 +87,7 @@ def run(job: StillJob | MovieJob) -> int:
             renderer = Renderer(device, loaded.scene, job.size, settings, seed=job.seed)
             renderer.view = job.view
             renderer.tonemap = job.tonemap
-            if loaded.clip is not None:
-                loaded.clip.apply(loaded.scene, 0.0)
+            loaded.pose(0, job.fps)
             # In the pose in which the first picture begins.
             if loaded.auto_exposure:
                 _meter(renderer, cameras)
@@ -170,8 +169,7 @@ class _Shooting:
             # Light gathers in the world cache and in histories, which frames of later pictures go on with.
             self._render(self._cameras[0], self._job.warm_up, averaged=0)
             for number, (camera, target) in enumerate(zip(self._cameras, self._targets, strict=True)):
-                if self._loaded.clip is not None:
-                    self._loaded.clip.apply(self._loaded.scene, number / self._job.fps)
+                self._loaded.pose(number, self._job.fps)
                 self._begin_mean()
                 self._render(camera, self._frames, self._average)
                 self._write(camera, target)
@@ -201,8 +199,8 @@ class _Shooting:
     def _write(self, camera: Camera, target: Path) -> None:
         job = self._job
         radiance = self._means["radiance"]
-        # One exposure for all pictures of an animation, or it would flicker.
-        if self._loaded.auto_exposure and not self._written:
+        # One exposure for all pictures of an animation, or it would flicker, unless each is to have its own.
+        if self._loaded.auto_exposure and (not self._written or job.exposure == "each"):
             set_exposure(self._cameras, self._renderer.auto_exposure(radiance))
         if job.view != "picture":
             codes = self._renderer["display"][..., :3]

@@ -145,6 +145,10 @@ def _contradictions(job: StillJob | MovieJob) -> Iterator[tuple[object, str]]:
         job.shutter is not None and job.target_error is not None,
         f"--target-error: a picture with --shutter has --{'samples' if job.mode == 'reference' else 'frames'}",
     )
+    if isinstance(job, MovieJob) and (job.animate == "sun" or job.exposure == "each"):
+        what = "--animate sun" if job.animate == "sun" else "--exposure each"
+        several = job.mode == "reference" or job.is_spread or job.shutter is not None
+        yield several, f"{what}: is of --mode realtime, by one device and without --shutter"
     if job.duration is not None:
         yield isinstance(job, StillJob), "--duration: a still picture takes no time: give --animate"
         yield job.frames, "--duration: an animation with --frames has that many pictures: leave one of the two out"
