@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from solari_vk.base.errors import SolariError, checked_constructor, checked_keywords, quoted, unknown_name
+from solari_vk.base.errors import Hints, SolariError, checked_constructor, checked_keywords, quoted, unknown_name
 from solari_vk.scene.model import Instance
 
 NO_INSTANCE = 2**32 - 1
@@ -131,7 +131,7 @@ def _add_coco(
 
 
 @checked_constructor
-class Annotations:
+class Annotations(Hints):
     """Annotations of pictures of one scene; instances without a label have none. labels: of instances by number, such
     as `frame.labels`. keypoints: the names of instances' keypoints by number. objects: the numbers of each object's
     parts, such as `frame.objects`, which have one annotation; by default instances have their own. classes: those of a

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from solari_vk.base.budget import load_budget
-from solari_vk.base.errors import SolariError, checked_constructor
+from solari_vk.base.errors import Hints, SolariError, checked_constructor
 from solari_vk.base.files import open_regular, read_regular
 from solari_vk.data.randomize.draws import stream
 from solari_vk.data.randomize.recipe import Recipe, check_recipe, files_of
@@ -30,7 +30,7 @@ FUNCTIONS = ("prepare", "randomize", "camera")
 
 @checked_constructor
 @dataclass(frozen=True)
-class Randomizer:
+class Randomizer(Hints):
     """Makes a random scene for each picture, which the seed and the picture's number alone decide.
 
     `Randomizer.load("random.yaml", seed=3)` reads a recipe: the guide "A data set in ten minutes" says what may stand

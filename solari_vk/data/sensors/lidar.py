@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from solari_vk.base.errors import SolariError, checked_constructor
+from solari_vk.base.errors import Hints, SolariError, checked_constructor
 from solari_vk.data.sensors.echoes import Echoes, check_tracer, checked_numbers, find_echoes, from_preset
 from solari_vk.data.sensors.lidar_scan import LidarScan
 from solari_vk.renderers.ray_tracer import RayTracer
@@ -74,7 +74,7 @@ PRESETS: dict[str, dict[str, Any]] = {
 
 @checked_constructor
 @dataclass(frozen=True, kw_only=True)
-class Lidar:
+class Lidar(Hints):
     """A spinning lidar. In its own frame y is up, and at the azimuth 0 it looks along -z, as cameras do; it turns to
     the right, clockwise as seen from above.
 
