@@ -208,12 +208,13 @@ def _agreement(frame: Prepared, other: Prepared, places: Floats) -> Floats:
     found = bilinear(other.tests, places)
     squares = (found[..., :6] - frame.tests[..., :6]) ** 2
     # The smaller noise of the two: what is bright has more of it, and would pass for anything that is dark.
+    # Where chance finds the sun in one path of many, both have so much that all would agree: never more than the light.
     noise = 2 * np.minimum(found[..., 6:], frame.tests[..., 6:])
-    level = frame.tests[..., :3]
-    unseen = (level**2).mean(axis=-1) + 0.01 * other.mean_light**2
+    level = (frame.tests[..., :3] ** 2).mean(axis=-1)
+    unseen = level + 0.01 * other.mean_light**2
     light = box_mean(squares[..., :3].mean(axis=-1), _PATCH_RADIUS)
     albedo = box_mean(squares[..., 3:6].mean(axis=-1), _PATCH_RADIUS)
-    difference = light / (_LIGHT_NOISE * noise[..., 0] + _LIGHT_SHARE**2 * unseen + 1e-20)
+    difference = light / (_LIGHT_NOISE * np.minimum(noise[..., 0], 2 * level) + _LIGHT_SHARE**2 * unseen + 1e-20)
     difference += albedo / (_ALBEDO_NOISE * noise[..., 1] + _ALBEDO_STEP**2)
     agreement: Floats = np.exp(-difference)
     return agreement
