@@ -88,7 +88,7 @@ def denoise(
     previous frame along the motion. resume: keep frames that are written already. progress: called with the number of
     finished frames.
 
-    Memory: about 80 bytes a pixel for each of 2 * window + 1 frames. Spatial denoising is by Intel Open Image Denoise,
+    Memory: about 90 bytes a pixel for each of 2 * window + 1 frames. Spatial denoising is by Intel Open Image Denoise,
     the package solari-vk[oidn]; the weights over time are those of non-local means with guides (Rousselle et al.,
     2013). Raises SolariError without that package; for files that are no EXR, damaged, of differing sizes or layers, or
     missing in the sequence; for values that aren't finite; for motion vectors that lead the wrong way; for files in
