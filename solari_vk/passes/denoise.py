@@ -73,7 +73,7 @@ def stage(
             # How uncertain each mean is, and the a-trous wavelet filter (Dammertz et al. 2010) that follows from it.
             Pass("denoise/variance", threads=size, constants={"block_width": block_width}),
             # The light that it takes from fireflies is given to what is around them.
-            Pass("denoise/removed_light", threads=blocks),
+            Pass("denoise/removed_light", threads=(blocks[0] * LIGHT_BLOCK_SIZE, blocks[1] * LIGHT_BLOCK_SIZE)),
             *(
                 Pass("denoise/spread_light", threads=blocks, constants={"gathers": gathers})
                 for gathers in (False, True)

@@ -6,7 +6,7 @@
 #include "passes/denoise/removed_light.glsl"
 #include "passes/denoise/signal.glsl"
 
-layout(local_size_x = 8, local_size_y = 8) in;
+layout(local_size_x = LIGHT_BLOCK_SIZE, local_size_y = LIGHT_BLOCK_SIZE) in;  // a workgroup for each block
 
 const float MAX_ROUNDING = 0.02;  // packed signals may have so much less light, of which nothing was taken
 
@@ -17,20 +17,31 @@ vec2 kept_and_removed(LobeHistory history, Signal signal) {
     return vec2(kept, kept < (1.0 - MAX_ROUNDING) * before ? before - kept : 0.0);
 }
 
+shared BlockLight pixels[LIGHT_BLOCK_SIZE * LIGHT_BLOCK_SIZE];
+
 void main() {
-    uvec2 block = gl_GlobalInvocationID.xy;
-    uint block_index;
+    uvec2 block = gl_WorkGroupID.xy, within = gl_LocalInvocationID.xy;
+    uint block_index, thread = gl_LocalInvocationIndex;
     if (denoise_settings.denoise == 0u || !find_element(block, block_count(), block_index)) { return; }
-    uvec2 begin = block * LIGHT_BLOCK_SIZE, end = min(begin + LIGHT_BLOCK_SIZE, camera.size);
-    mat2 sum = mat2(0.0);  // a column for each lobe
-    for (uint y = begin.y; y < end.y; y++) {
-        for (uint x = begin.x; x < end.x; x++) {
-            uint index = element_index(uvec2(x, y), camera.size);
-            if (kind_of(denoise_guides.at[index]) == NOT_DENOISED) { continue; }
+    uvec2 pixel = block * LIGHT_BLOCK_SIZE + within;
+    BlockLight found = BlockLight(vec2(0.0), vec2(0.0));
+    if (all(lessThan(pixel, camera.size))) {
+        uint index = element_index(pixel, camera.size);
+        if (kind_of(denoise_guides.at[index]) != NOT_DENOISED) {
             Signals signals = unpack_signals(denoise_ping.at[index].xyz);
-            sum[0] += kept_and_removed(unpack_lobe_history(denoise_diffuse.at[index]), signals.diffuse);
-            sum[1] += kept_and_removed(unpack_lobe_history(denoise_specular.at[index]), signals.specular);
+            vec2 diffuse = kept_and_removed(unpack_lobe_history(denoise_diffuse.at[index]), signals.diffuse);
+            vec2 specular = kept_and_removed(unpack_lobe_history(denoise_specular.at[index]), signals.specular);
+            found = BlockLight(vec2(diffuse.x, specular.x), vec2(diffuse.y, specular.y));
         }
     }
-    denoise_blocks.at[block_index] = BlockLight(vec2(sum[0].x, sum[1].x), vec2(sum[0].y, sum[1].y));
+    pixels[thread] = found;
+    barrier();
+    for (uint half_count = LIGHT_BLOCK_SIZE * LIGHT_BLOCK_SIZE / 2u; half_count > 0u; half_count /= 2u) {
+        if (thread < half_count) {
+            pixels[thread].kept += pixels[thread + half_count].kept;
+            pixels[thread].removed += pixels[thread + half_count].removed;
+        }
+        barrier();
+    }
+    if (thread == 0u) { denoise_blocks.at[block_index] = pixels[0]; }
 }
