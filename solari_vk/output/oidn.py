@@ -46,7 +46,8 @@ def denoise(
     package, and for an error of OIDN.
     """
     library = _library()
-    mean = float(np.mean(radiance, dtype=np.float64))
+    # Filters of renderers leave negative values.
+    mean = float(np.mean(np.maximum(radiance, 0), dtype=np.float64))
     # OIDN makes a faint light of a picture without any.
     if mean == 0:
         return np.zeros(radiance.shape, np.float32)

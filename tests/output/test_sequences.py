@@ -130,6 +130,26 @@ def test_swapped_signs_of_motion_are_found(flip: tuple[int, int], meant: str, co
     np.testing.assert_array_equal(again, right)
 
 
+def test_a_convention_is_that_of_the_first_pair(tmp_path: Path) -> None:
+    """The second pair is about the other neighbor; Blender's has the other sign."""
+    _, arrays = wall()
+    motion = arrays.pop("motion")
+    right = sv.denoise(arrays["color"], motion=np.concatenate([motion, -motion], -1), **given(arrays, "albedo")).frames
+    swapped = np.concatenate([-motion, motion], -1)
+    found = sv.denoise(arrays["color"], motion=swapped, convention="to-next", **given(arrays, "albedo")).frames
+    np.testing.assert_array_equal(found, right)
+    with pytest.raises(sv.SolariError, match="the first pair is right, only the second one"):
+        sv.denoise(arrays["color"], motion=np.concatenate([motion, motion], -1), **given(arrays, "albedo"))
+    folder = write_blender(tmp_path / "in", arrays | {"motion": motion}, 3)
+    sv.denoise(folder, tmp_path / "out", convention="to-previous,y-up")
+    with pytest.raises(sv.SolariError, match="convention='to-previous,y-up,pixels'"):
+        sv.denoise(folder, tmp_path / "other", convention="to-previous")
+
+
+def test_negative_light_isnt_an_error() -> None:
+    assert np.isfinite(sv.denoise(np.full((1, 16, 16, 3), -0.5, np.float32)).frames).all()
+
+
 def test_conventions() -> None:
     vectors = np.float32([[[0.5, 0.25]] * 8] * 4)
     assert Convention.parse("uv").offsets(vectors)[0, 0].tolist() == [4, 1]

@@ -32,7 +32,7 @@ WINDOW = 4
 MAX_WINDOW = 32
 _MARK = "solari_vk.denoise"
 """The attribute of the EXR files that says what they were made of."""
-_VERSION = 1  # of what is computed: frames of another one aren't kept
+_VERSION = 2  # of what is computed: frames of another one aren't kept
 
 
 _Map = NDArray[np.float32] | None
@@ -78,7 +78,8 @@ def denoise(
     `normal`, `depth`, `position`, `motion` and `motion_next`. Arrays may come with: albedo and normal (frames, height,
     width, 3); depth along the camera's axis (frames, height, width), inf where nothing is; position in the world
     (frames, height, width, 3); motion (frames, height, width, 2), offsets in pixels to where each surface was in the
-    frame before, x to the right and y down, or 4 numbers with those to the next frame. Each may be missing: without
+    frame before, x to the right and y down, or 4 numbers with those to the next frame (with a
+    convention about the next frame: first those, then those to the previous one). Each may be missing: without
     albedo and normal textures and edges blur, without depth pixels that come into view may take light of what hid them,
     without motion only what rests in the picture is averaged over frames. cameras: (frames, 3, 4), matrices from (x, y,
     z, 1) to (column, row, 1) times depth, in pixels: with positions or depths they give the motion of resting surfaces

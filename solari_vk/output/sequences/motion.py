@@ -64,6 +64,12 @@ class Convention:
         """Whether vectors are about the next frame, not the previous one."""
         return self.direction.endswith("next")
 
+    def of_second_pair(self, turned: bool = False) -> Convention:
+        """That of the second of two pairs, which is about the other neighbor. turned: whether it has the other sign."""
+        turn, _, frame = self.direction.partition("-")
+        turn = {"to": "from", "from": "to"}[turn] if turned else turn
+        return Convention(f"{turn}-{'next' if frame == 'previous' else 'previous'}", self.axis, self.unit)
+
     def flipped(self, x: int, y: int) -> Convention:
         """The convention by which x and y have the factors 1 or -1 beside this one."""
         turn, _, frame = self.direction.partition("-")
@@ -75,8 +81,8 @@ class Convention:
 
 
 _FIELDS = ("direction", "axis", "unit")
-BLENDER = (Convention("to-previous", "y-up"), Convention("from-next", "y-up"))
-"""Of Blender's pass Vector: of its first two channels, and of the other two."""
+BLENDER = Convention("to-previous", "y-up")
+"""Of the first two channels of Blender's pass Vector. The other two are about the next frame, with the other sign."""
 
 
 def inverted(offsets: Floats) -> Floats:
@@ -113,12 +119,14 @@ def position_of_depth(depth: Floats, camera: NDArray[np.float64]) -> Floats:
     return np.asarray((shown - camera[:, 3]) @ np.linalg.inv(camera[:, :3]).T, np.float32)
 
 
-def check_direction(pairs: Sequence[tuple[Floats, Floats, Floats]], convention: Convention, who: str) -> None:
+def check_direction(
+    pairs: Sequence[tuple[Floats, Floats, Floats]], convention: Convention, who: str, *, second: bool = False
+) -> None:
     """Raise SolariError if motion vectors lead to the right place with another sign, and don't as they are.
 
     pairs: of some frames, what is compared (height, width, n), the same of the neighbor that the vectors lead to, and
     the offsets in pixels. Each sign of x and y is tried, and the differences between a pixel and the place it came from
-    are compared.
+    are compared. second: whether the vectors are the second pair, beside one that is right.
     """
     flips = [(1, 1), (1, -1), (-1, 1), (-1, -1)]
     errors = np.zeros(4)
@@ -140,8 +148,13 @@ def check_direction(pairs: Sequence[tuple[Floats, Floats, Floats]], convention: 
     if moved < 64 or not errors[best] < _CLEARLY * errors[0]:
         return
     right = convention.flipped(*flips[best])
+    if second:
+        which = "motion vectors of the second pair (of the other neighbor)"
+        advice = "the first pair is right, only the second one has the other sign: write it with the sign it is read by"
+    else:
+        which = "motion vectors"
+        advice = f"give convention='{right}' (--convention {right}), or write them so"
     raise SolariError(
-        f"{who}: motion vectors point the wrong way: read as '{convention}' they lead to other surfaces (mean "
-        f"difference {errors[0] / moved:.3f}, with the signs of '{right}' {errors[best] / moved:.3f}): give "
-        f"convention='{right}' (--convention {right}), or write them so"
+        f"{who}: {which} point the wrong way: read as '{convention}' they lead to other surfaces (mean "
+        f"difference {errors[0] / moved:.3f}, with the signs of '{right}' {errors[best] / moved:.3f}): {advice}"
     )

@@ -48,7 +48,7 @@ class Source(ABC):
 
     names: Sequence[str]
     conventions: tuple[Convention, Convention]
-    """Of motion to the previous and to the next frame."""
+    """Of the first pair of motion vectors and of the second, which is about the other neighbor."""
 
     @abstractmethod
     def read(self, index: int) -> Frame:
@@ -60,7 +60,7 @@ class ArraySource(Source):
 
     def __init__(self, arrays: Mapping[str, Any], convention: Convention) -> None:
         """Raises SolariError for wrong shapes."""
-        self.conventions = (convention, convention)
+        self.conventions = (convention, convention.of_second_pair())
         self._arrays: dict[str, NDArray[Any]] = {}
         shape: tuple[int, ...] = ()
         for name, values in arrays.items():
@@ -85,10 +85,8 @@ class ArraySource(Source):
         layers = {name: np.asarray(array[index], np.float32) for name, array in self._arrays.items()}
         motion = layers.pop("motion", None)
         if motion is not None:
-            here, there = self.conventions
-            layers["motion_next" if here.leads_to_next else "motion"] = here.offsets(motion[..., :2])
-            if motion.shape[2] == 4:
-                layers["motion_next"] = there.offsets(motion[..., 2:])
+            second = motion[..., 2:] if motion.shape[2] == 4 else None
+            _add_motion(layers, self.conventions, motion[..., :2], second)
         return checked(Frame(**layers), f"denoise: {self.names[index]}")
 
 
@@ -105,9 +103,9 @@ class ExrSource(Source):
         first = read_channels(paths[0])
         self.layers: Layers = find_layers(list(first), chosen, self.names[0])
         self._size = first[self.layers.channels["color"][0]].shape
-        self.conventions = (
-            BLENDER if self.layers.is_blender and convention is None else (convention or Convention(),) * 2
-        )
+        is_blender = self.layers.is_blender
+        first_pair = convention or (BLENDER if is_blender else Convention())
+        self.conventions = (first_pair, first_pair.of_second_pair(turned=is_blender))
         self._digests: dict[int, str] = {}
 
     def digest(self, index: int) -> str:
@@ -140,16 +138,20 @@ class ExrSource(Source):
 
     def _turn_motion(self, layers: dict[str, Floats]) -> None:
         vectors = layers.pop("motion", None)
-        # RenderMan's two layers have one convention, of which `forward` has the other sign.
-        ahead = layers.pop("motion_next", None)
+        second = layers.pop("motion_next", None)
         if vectors is None:
             return
-        here, there = self.conventions
-        layers["motion_next" if here.leads_to_next else "motion"] = here.offsets(vectors[..., :2])
         if vectors.shape[2] == 4:
-            layers["motion_next"] = there.offsets(vectors[..., 2:])
-        elif ahead is not None:
-            layers["motion_next"] = there.offsets(ahead)
+            second = vectors[..., 2:]
+        _add_motion(layers, self.conventions, vectors[..., :2], second)
+
+
+def _add_motion(
+    layers: dict[str, Floats], conventions: tuple[Convention, Convention], first: Floats, second: Floats | None
+) -> None:
+    for convention, vectors in zip(conventions, (first, second), strict=True):
+        if vectors is not None:
+            layers["motion_next" if convention.leads_to_next else "motion"] = convention.offsets(vectors)
 
 
 def checked(frame: Frame, who: str) -> Frame:
@@ -220,7 +222,8 @@ def add_camera_motion(frame: Frame, index: int, cameras: NDArray[np.float64]) ->
 def check_motion(source: Source) -> None:
     """Raise SolariError if the motion vectors of some frames lead the wrong way."""
     last = len(source.names) - 1
-    for step, convention in zip((-1, 1), source.conventions, strict=True):
+    for convention in source.conventions:
+        step = 1 if convention.leads_to_next else -1
         # The frames that have neighbors on both sides, or the two of a short sequence.
         indices = {*np.linspace(1, last - 1, _CHECKED_PAIRS).astype(int)} if last > 1 else {0, last}
         pairs = []
@@ -231,7 +234,7 @@ def check_motion(source: Source) -> None:
             offsets = frame.motion if step < 0 else frame.motion_next
             if offsets is not None:
                 pairs.append((_compared(frame), _compared(source.read(index + step)), offsets))
-        check_direction(pairs, convention, source.names[0])
+        check_direction(pairs, convention, source.names[0], second=convention is source.conventions[1])
 
 
 def _compared(frame: Frame) -> Floats:
