@@ -23,7 +23,7 @@ LAB = (
         "measure speed, loading, or the realtime frame",
         "lab.cli.bench:run",
         "lab.cli.bench:Measurement",
-        examples=("solari-vk lab bench --help",),
+        examples=("solari-vk lab bench", "solari-vk lab bench frame --quick"),
     ),
     Command(
         "trial",
@@ -37,7 +37,7 @@ LAB = (
         "render scenarios of Khronos' glTF render fidelity generator",
         "lab.cli.fidelity:run",
         "lab.cli.fidelity:FidelityJob",
-        examples=("solari-vk lab fidelity --help",),
+        examples=("solari-vk lab fidelity config.json -o pictures",),
     ),
     Command(
         "conformance",
@@ -99,7 +99,10 @@ COMMANDS = (
         "denoise the frames of an animation that any renderer made",
         "cli.denoise:run",
         "cli.denoise:DenoiseJob",
-        examples=("solari-vk denoise --help",),
+        examples=(
+            "solari-vk denoise render/frame_####.exr -o denoised",
+            "solari-vk denoise frames -o denoised --layer albedo=MyAlbedo",
+        ),
     ),
     Command(
         "compare",

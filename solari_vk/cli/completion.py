@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import shlex
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -33,12 +33,19 @@ def script(commands: Sequence[Command], shell: str) -> str:
     found = outlines(commands)
     if shell == "fish":
         return "\n".join(line for outline in found for line in _fish(outline))
-    text = "\n".join(_bash(found))
+    text = "\n".join(_bash(found, _other_names(commands, found)))
     # zsh runs completions of bash.
     return f"autoload -U +X bashcompinit && bashcompinit\n{text}" if shell == "zsh" else text
 
 
-def _bash(found: Sequence[Outline]) -> list[str]:
+def _other_names(commands: Sequence[Command], found: Sequence[Outline]) -> dict[str, str]:
+    """The places of commands by their names that aren't listed: aliases, and those of hidden commands."""
+    names = {alias: command.name for command in commands for alias in command.aliases}
+    hidden = [command.name for command in commands if command.hidden]
+    return names | {one.path[-1]: " ".join(one.path) for one in found if len(one.path) == 2 and one.path[1] in hidden}
+
+
+def _bash(found: Sequence[Outline], others: Mapping[str, str]) -> list[str]:
     steps: list[str] = []
     words: list[str] = []
     options: list[str] = []
@@ -59,6 +66,7 @@ def _bash(found: Sequence[Outline]) -> list[str]:
         '    local word="${COMP_WORDS[COMP_CWORD]}" before="${COMP_WORDS[COMP_CWORD-1]}" place="" words="" i',
         "    for ((i = 1; i < COMP_CWORD; i++)); do",
         '        case "${place:+$place }${COMP_WORDS[i]}" in',
+        *(f'            "{name}") place="{meant}" ;;' for name, meant in others.items()),
         f'            {"|".join(steps)}) place="${{place:+$place }}${{COMP_WORDS[i]}}" ;;',
         "        esac",
         "    done",

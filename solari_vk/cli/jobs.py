@@ -94,7 +94,7 @@ class SceneOptions:
     environment_rotation: float = option("turn it about the vertical axis (0)", "DEGREES", type=number, default=0.0)
     environment_intensity: float = option("make it brighter or darker (1)", "FACTOR", type=factor, default=1.0)
     place: tuple[float, float] | None = option(
-        "latitude and longitude of the --sun, in degrees: 52.5,13.4, or --place=-33.9,151.2; -z is north",
+        "latitude and longitude of the --sun, in degrees, such as 52.5,13.4 or -33.9,151.2; -z is north",
         "LAT,LON",
         type=place,
     )

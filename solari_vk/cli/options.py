@@ -102,7 +102,7 @@ class Command:
         return resolve(self.does)(job) or 0
 
 
-_WRONG_COMMAND = re.compile(r"argument (COMMAND|PART): invalid choice: '(.*)' \(choose from (.*)\)")  # argparse's words
+_WRONG_COMMAND = re.compile(r"argument (COMMAND|PART): invalid choice: '(.*)' \(choose from .*\)")  # argparse's words
 
 
 class _Help(argparse._HelpAction):
@@ -112,6 +112,7 @@ class _Help(argparse._HelpAction):
         super().__init__(option_strings, help="show this, or with the word all every option")
         self.nargs = "?"
         self.metavar = "all"
+        self.choices = ("all",)
 
     def __call__(self, parser: Any, namespace: Any, values: Any, option_string: str | None = None) -> None:
         parser._print_message(parser.format_help() if values == "all" else parser.short_help(), sys.stdout)
@@ -123,6 +124,11 @@ class _Parser(argparse.ArgumentParser):
 
     examples: tuple[str, ...] = ()
     first: tuple[str, ...] = ()
+
+    def __init__(self, *arguments: Any, **options: Any) -> None:
+        super().__init__(*arguments, **options)
+        # As in Python 3.14: -33.9,151.2 is a value too, no option.
+        self._negative_number_matcher = re.compile(r"-\.?\d")
 
     def format_help(self) -> str:
         lines = "".join(f"  {example}\n" for example in self.examples)
@@ -144,9 +150,8 @@ class _Parser(argparse.ArgumentParser):
         wrong = _WRONG_COMMAND.fullmatch(message)
         if wrong:
             # argparse lists all names; `unknown_name` says which one was meant.
-            kind, word, known = wrong.groups()
-            names = [name.strip("' ") for name in known.split(",")]
-            message = str(unknown_name(f"there is no {kind.lower()}", word, names))
+            kind, word = wrong.groups()
+            message = str(unknown_name(f"there is no {kind.lower()}", word, shown_parts(self)))
         super().error(brief(message))
 
     def _get_values(self, action: argparse.Action, arg_strings: list[str]) -> Any:
@@ -176,6 +181,7 @@ def parse(commands: Sequence[Command], words: Sequence[str] | None) -> tuple[Com
     """The command that words ask for, and its job. Wrong usage ends the process with exit code 2."""
     if words is None:
         words = sys.argv[1:]
+    words = _with_help_as_option(commands, words)
     # Before a command there are only options of this program, such as --version.
     wanted = next((word for word in words if not word.startswith("-")), "")
     parser = make_parser(commands, wanted)
@@ -189,6 +195,17 @@ def parse(commands: Sequence[Command], words: Sequence[str] | None) -> tuple[Com
     if "explicit" in command.job_type.__dataclass_fields__:
         arguments["explicit"] = frozenset(values)
     return command, command.job_type(**arguments)
+
+
+def _with_help_as_option(commands: Sequence[Command], words: Sequence[str]) -> Sequence[str]:
+    """`help WORDS` as `WORDS --help`, also behind a command that only has others below it."""
+    words = list(words)
+    at = 1 if any(words[:1] == [one.name] and not one.does for one in commands) else 0
+    if words[at : at + 1] != ["help"]:
+        return words
+    named = [*words[:at], *words[at + 1 :]]
+    every = named[-1:] if named[-1:] == ["all"] else []
+    return [*named[: len(named) - len(every)], "--help", *every]
 
 
 def _why_unknown(command: Command, words: Sequence[str]) -> str:
@@ -374,7 +391,9 @@ def seconds(text: str) -> tuple[float, float]:
 
 def place(text: str) -> tuple[float, float]:
     """Latitude and longitude from a text such as 52.5,13.4."""
-    latitude, _, longitude = text.partition(",")
+    latitude, comma, longitude = text.partition(",")
+    if not comma:
+        raise argparse.ArgumentTypeError(f"{quoted(text)} is not LAT,LON: give such as 52.5,13.4 or -33.9,151.2")
     return number(latitude), number(longitude)
 
 

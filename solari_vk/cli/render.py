@@ -145,6 +145,10 @@ def _contradictions(job: StillJob | MovieJob) -> Iterator[tuple[object, str]]:
         job.shutter is not None and job.target_error is not None,
         f"--target-error: a picture with --shutter has --{'samples' if job.mode == 'reference' else 'frames'}",
     )
+    yield (
+        isinstance(job, StillJob) and job.exposure == "each",
+        "--exposure each: is of the pictures of an animation: give --animate, or --exposure auto",
+    )
     if isinstance(job, MovieJob) and (job.animate == "sun" or job.exposure == "each"):
         what = "--animate sun" if job.animate == "sun" else "--exposure each"
         several = job.mode == "reference" or job.is_spread or job.shutter is not None

@@ -6,6 +6,7 @@ import importlib
 import math
 import operator
 import os
+import shutil
 import sys
 import tempfile
 import warnings
@@ -325,11 +326,15 @@ class RenderedFrame(Hints):
             display = importlib.import_module("IPython.display").display
             display(self)
             return
-        path = Path(tempfile.mkdtemp(prefix="solari_vk-")) / "picture.png"  # stays, for the program that shows it
-        self.save(path)
-        reason = open_on_desktop(path)
-        if reason:
-            raise SolariError(f'RenderedFrame.show: {reason}; frame.save("picture.png") writes the picture')
+        folder = Path(tempfile.mkdtemp(prefix="solari_vk-"))  # stays, for the program that shows the picture
+        try:
+            self.save(folder / "picture.png")
+            reason = open_on_desktop(folder / "picture.png")
+            if reason:
+                raise SolariError(f'RenderedFrame.show: {reason}; frame.save("picture.png") writes the picture')
+        except BaseException:
+            shutil.rmtree(folder, ignore_errors=True)
+            raise
 
     def _repr_png_(self) -> bytes:
         """The picture as notebooks show it: what `save` writes as a .png, without its warnings."""

@@ -126,7 +126,9 @@ def render(
     if mode == "auto":
         mode = "realtime" if samples is None and denoise and not has_oidn else "reference"
     if mode == "realtime" and samples is not None:
-        raise SolariError('solari_vk.render: realtime frames have no samples: leave them out, or mode="realtime"')
+        raise SolariError(
+            'solari_vk.render: realtime frames have no samples: leave samples out, or give mode="reference"'
+        )
     if mode == "reference" and denoise and not has_oidn:
         warn("the picture isn't denoised: install \"pip install 'solari-vk[oidn]'\", or give denoise=False")
         denoise = False

@@ -33,8 +33,14 @@ def test_a_still_picture_has_the_sun_of_its_time(box):
     expected = sv.Sky(place=(52.5, 13.4), time="2026-06-21 15:00+02:00").sun_direction
     np.testing.assert_array_equal(found.scene.environment.sun_direction, expected)
     assert found.auto_exposure
-    job = parse(COMMANDS, ["view", box, "--place=-33.9,151.2", "--sun", "2026-06-21T15:00+10:00"])[1]
+    job = parse(COMMANDS, ["view", box, "--place", "-33.9,151.2", "--sun", "2026-06-21T15:00+10:00"])[1]
     assert parse(COMMANDS, ["view", box, *job.words()])[1] == job
+
+
+def test_a_place_has_two_numbers(capsys):
+    with pytest.raises(SystemExit):
+        parse(COMMANDS, ["render", "a.glb", "-o", "a.png", "--place", "52.5"])
+    assert "'52.5' is not LAT,LON" in capsys.readouterr().err
 
 
 def test_an_animation_moves_the_sun(box, tmp_path, lent_device):
@@ -61,6 +67,7 @@ def test_an_animation_moves_the_sun(box, tmp_path, lent_device):
     [
         (["--sun", "2026-06-21T15:00+02:00"], "--sun and --place go together"),
         ([*BERLIN, "--sun", "2026-06-21T15:00"], "has no zone"),
+        (["--exposure", "each"], "--exposure each: is of the pictures of an animation"),
         ([*BERLIN, "--sun", DAY], "a still picture has one time"),
         ([*BERLIN, "--animate", "sun"], "--sun and --place go together"),
         ([*BERLIN, "--sun", DAY, "--animate", "sun", "--environment", "studio"], "leave one of the two out"),

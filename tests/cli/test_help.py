@@ -40,6 +40,7 @@ def test_help_begins_with_examples_that_parse(command, capsys):
     assert text.startswith("examples:\n  ")
     for example in command.examples:
         assert f"  {example}\n" in text
+        assert not example.endswith(f" {command.name} --help")
         if example.startswith("solari-vk ") and "--help" not in example and "|" not in example:
             parse(COMMANDS, shlex.split(example)[1:])
 
@@ -53,6 +54,24 @@ def test_the_options_that_people_use_first(name, capsys):
     more = len(listed[1]) - len(listed[0])
     assert f"\n{more} more options: solari-vk {name} --help all\n" in short
     assert shown(capsys, name, "--help", "all") == whole
+
+
+def test_help_as_a_word(capsys):
+    for words, meant in (
+        (["help"], ["--help"]),
+        (["help", "all"], ["--help"]),
+        (["help", "compare"], ["compare", "--help"]),
+        (["help", "render", "all"], ["render", "--help", "all"]),
+        (["lab", "help"], ["lab", "--help"]),
+        (["lab", "help", "trial"], ["lab", "trial", "--help"]),
+    ):
+        assert shown(capsys, *words) == shown(capsys, *meant)
+    for wrong, why in ((["render", "--help", "al"], "invalid choice: 'al'"), (["hlep"], "no command 'hlep'")):
+        with pytest.raises(SystemExit):
+            cli.main(wrong)
+        text = capsys.readouterr().err
+        assert why in text
+        assert "conformance" not in text
 
 
 def test_seconds_are_a_duration():
@@ -73,6 +92,10 @@ def test_bash_completes(tmp_path, capsys):
         ("render", "model"): [],  # files, by bash itself
         ("lab", "con"): ["conformance"],
         ("lab", "bench", "fra"): ["frame", "frame-ms"],
+        ("bench", "fra"): ["frame", "frame-ms"],
+        ("bench", "--mark"): ["--markdown"],
+        ("doctor", ""): [],
+        ("help", "ren"): ["render"],
         ("completion", ""): list(SHELLS),
     }.items():
         typed = " ".join(map(shlex.quote, ("solari-vk", *words)))

@@ -59,6 +59,10 @@ def test_sky():
         ({"place": (52.5, 13.4), "time": datetime(2026, 6, 21, 15)}, "has no zone"),
         ({"place": (52.5, 13.4), "time": "noon"}, "time must be as '2026-06-21 15:00"),
         ({"latitude": 52.5}, r"Sky\(place="),
+        ({"place": (52.5, 13.4), "time": "2026-06-21 15:00Z", "sun_direction": (0, 1, 0)}, "or sun_direction"),
     ):
         with pytest.raises(sv.SolariError, match=why):
             sv.Sky(**wrong)
+    with pytest.raises(sv.SolariError, match="or sun_direction"):
+        sky.update(sun_direction=(1, 1, 0), place=(52.5, 13.4), time="2026-06-21 15:00Z")
+    np.testing.assert_array_equal(sky.sun_direction, (0, 1, 0))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tempfile
 import threading
 
 import numpy as np
@@ -46,7 +47,7 @@ def test_modes(monkeypatch, capsys):
     for wrong, why in (
         ({"spp": 4}, "it is called samples here"),
         ({"mode": "fast"}, "there is no mode 'fast'"),
-        ({"mode": "realtime", "samples": 3}, "realtime frames have no samples"),
+        ({"mode": "realtime", "samples": 3}, 'leave samples out, or give mode="reference"'),
     ):
         with pytest.raises(sv.SolariError, match=why):
             sv.render(scene, SIZE, **wrong)
@@ -78,12 +79,14 @@ def test_a_device_that_is_gone_is_opened_again(device, monkeypatch):
     assert second.closed
 
 
-def test_show(monkeypatch):
+def test_show(monkeypatch, tmp_path):
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
     frame = sv.render(sv.builtin("cornell_box"), SIZE, 1, denoise=False)
     for name in ("DISPLAY", "WAYLAND_DISPLAY"):
         monkeypatch.delenv(name, raising=False)
     with pytest.raises(sv.SolariError, match=r"no desktop .*; frame.save\(\"picture.png\"\) writes"):
         frame.show()
+    assert not list(tmp_path.iterdir())
     shown = []
     monkeypatch.setattr("solari_vk.renderers.results.open_on_desktop", lambda path: shown.append(path) or "")
     frame.show()

@@ -25,6 +25,7 @@ from solari_vk.scene.observable import checked
 # luminance for illuminance calculations" (2005).
 SUN_ILLUMINANCE = 133_300.0
 AFTERNOON = (-0.587, 0.643, 0.492)
+_SUN_TWICE = "Sky: place and time say where the sun stands: leave these two out, or sun_direction"
 
 
 @checked
@@ -68,6 +69,8 @@ class Sky(EnvironmentLight):
     def _validate(self) -> None:
         """Make what follows from the fields: the image, the rotation and the sun."""
         if self.place is not None and self.time is not None:
+            if not self._ready and not np.allclose(self.sun_direction, AFTERNOON, atol=1e-3):
+                raise SolariError(_SUN_TWICE)
             object.__setattr__(self, "sun_direction", sun_direction(self.place, self.time).astype(np.float32))
         elif self.place is not None or self.time is not None:
             raise SolariError(
@@ -99,8 +102,10 @@ class Sky(EnvironmentLight):
             object.__setattr__(self, "_sun", DirectionalLight(**sun, name="sun"))
 
     def update(self, **fields: Any) -> None:
-        if self._ready and "sun_direction" in fields and fields.keys().isdisjoint({"place", "time"}):
-            fields |= {"place": None, "time": None}
+        if self._ready and "sun_direction" in fields:
+            fields = {"place": None, "time": None} | fields
+            if fields["place"] is not None or fields["time"] is not None:
+                raise SolariError(_SUN_TWICE)
         super().update(**fields)
 
     def turn(self, angle: float) -> None:
