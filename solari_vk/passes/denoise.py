@@ -13,9 +13,7 @@ from solari_vk.gpu.frame.stages import Aliased, History, Pass, Stage
 from solari_vk.gpu.shaders.headers import constants
 
 CELL_SIZE = 4  # width in pixels of a gradient cell, an element of `denoise_cells`
-LIGHT_BLOCK_SIZE = (
-    8  # the same of a block, over which light taken from fireflies is summed: an element of `denoise_blocks`
-)
+LIGHT_BLOCK_SIZE = 8  # the same of a block, over which light taken from fireflies is summed: `denoise_blocks`
 LEVELS = 5  # passes of the blur, each twice as wide as the one before; an odd number ends in `denoise_pong`
 
 

@@ -99,9 +99,9 @@ def stage(cells: int, samples: Sequence[Pass], fill: Sequence[Pass] = ()) -> Sta
     """A map of `cells` cells with 88 bytes each. samples: the passes that sample the light of cells. fill: what `_fill`
     returns.
 
-    The buffer world_cache_counters holds the numbers of active cells, of updated cells, and of queries that found no
-    free entry in the map. As long as the last is 0, one seed gives one picture; otherwise the entries go to the
-    queries that happen to be first.
+    The buffer world_cache_counters holds the numbers of active cells, of updated cells (after a fill those of its last
+    round), and of queries that found no free entry in the map. As long as the last is 0, one seed gives one picture;
+    otherwise the entries go to the queries that happen to be first.
     Inputs: `*_table`, `brdf_averages`; to fill the cache `camera_media`, `depth`, `gbuffer*`, `denoise_guides` and
     `denoise_diffuse`; for the separate passes `light_tile*`. Outputs: `world_cache_*`.
     """

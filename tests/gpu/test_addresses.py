@@ -49,7 +49,8 @@ COUNT = 21
 # fill of the world cache has three, which insert cells and list them.
 REALTIME = 155_000, 34_000, 48
 # Instructions of modules for scenes with any features. One place for each lobe, light sample and ray counts most. Those
-# of paths/ may store what they have chosen, and first rays of upscaled frames find whose turn it is; the cache's finds the solid in which paths start by a ray of its own.
+# of paths/ may store what they have chosen, and first rays of upscaled frames find whose turn it is; the cache's finds
+# the solid in which paths start by a ray of its own.
 WITH_FEATURES = {
     "passes/paths/first_ray.comp": 139_600,
     "passes/paths/later_rays.comp": 117_200,

@@ -21,14 +21,18 @@ layout(set = 1, scalar) buffer DenoiseBlocksBlock { BlockLight at[]; } denoise_b
 layout(set = 1, scalar) buffer DenoiseSharesBlock { vec2 at[]; } denoise_shares;
 layout(set = 1, scalar) buffer DenoiseGainsBlock { vec2 at[]; } denoise_gains;
 
-const int SPREAD_RADIUS = 4;  // of a neighborhood, in blocks
+const uint RADIUS_SHARE = 128u;  // the picture's height over the radius of a neighborhood
+const int MAX_RADIUS = 4;        // in blocks, as the next two
 const float MAX_GAIN = 63.0;
 
 uvec2 block_count() { return (camera.size + LIGHT_BLOCK_SIZE - 1u) / LIGHT_BLOCK_SIZE; }
 
+// In small pictures few blocks show what is near each other.
+int spread_radius() { return clamp(int(camera.size.y / RADIUS_SHARE), 1, MAX_RADIUS); }
+
 // The weight of a block in the neighborhood of another.
 float spread_weight(ivec2 step) {
-    ivec2 near = SPREAD_RADIUS + 1 - abs(step);
+    ivec2 near = spread_radius() + 1 - abs(step);
     return float(near.x * near.y);
 }
 

@@ -14,8 +14,9 @@ void main() {
     uint index;
     if (denoise_settings.denoise == 0u || !find_element(found, blocks, index)) { return; }
     vec2 sum = vec2(0.0);
-    for (int y = -SPREAD_RADIUS; y <= SPREAD_RADIUS; y++) {
-        for (int x = -SPREAD_RADIUS; x <= SPREAD_RADIUS; x++) {
+    int radius = spread_radius();
+    for (int y = -radius; y <= radius; y++) {
+        for (int x = -radius; x <= radius; x++) {
             ivec2 other = ivec2(found) + ivec2(x, y);
             if (!is_inside(other, blocks)) { continue; }
             uint other_index = element_index(uvec2(other), blocks);

@@ -31,7 +31,7 @@ layout(set = 1, scalar) buffer PathsHitsBlock { uvec4 quads[]; } paths_hits;
 layout(set = 1, scalar) buffer PathsRayQueuesBlock { uint at[]; } paths_ray_queues;
 // By view: the indices of the pixels with a short history, which take several paths (passes/paths/short_history.glsl).
 layout(set = 1, scalar) buffer PathsShortHistoriesBlock { uint at[]; } paths_short_histories;
-// With the setting frame_ms: the indices of the pixels that take a path.
+// With the settings frame_ms and upscale: the indices of the pixels that take a path, of all views.
 layout(set = 1, scalar) buffer PathsChosenBlock {
     uint count;
     uint at[];

@@ -1,5 +1,5 @@
-// With the setting frame_ms: lists the pixels that take a path in this frame. Those of a workgroup are neighbors in the
-// list, so that subgroups trace coherent rays. The other pixels have no sample.
+// With the settings frame_ms and upscale: lists the pixels that take a path in this frame. Those of a workgroup are
+// neighbors in the list, so that subgroups trace coherent rays. The other pixels have no sample.
 #version 460
 #include "passes/paths/bindings.glsl"
 #include "passes/paths/short_history.glsl"  // and passes/views.glsl: find_pixel gives the pixel's index in buffers

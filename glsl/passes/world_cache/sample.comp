@@ -32,7 +32,7 @@ void main() {
     path.lobe_u = rand_f(path.rng);
     path.u = rand_vec2f(path.rng);
     path.walk.cone_width = world_cache_bounds.at[cell].w;  // textures are filtered over the width of the cell
-    path.cache_lifetime = world_cache_samples.at[thread].life;
+    path.cache_lifetime = world_cache_samples.at[thread].life & ~SEES_WALL;  // a round of the fill may have set it
     world_cache_samples.at[thread].irradiance = vec3(0.0);
     do {
         choose_rays(path);
