@@ -44,7 +44,7 @@ class DenoiseJob:
         "matrices (frames, 3, 4) from the world to pixels, for motion where there are no vectors", "FILE.npy", type=Path
     )
     maps: bool = flag("also write layers with the standard error and the flicker of each pixel")
-    overwrite: bool = flag("replace frames in the folder that are of other frames or settings")
+    overwrite: bool = flag("replace files in the folder that are of other frames or settings, or not whole")
 
     def named_layers(self) -> dict[str, str]:
         """The layers of --layer."""
@@ -69,6 +69,13 @@ def run(job: DenoiseJob) -> int:
         print(f"  {line}")
     sys.stdout.flush()
     cameras = None if job.cameras is None else read_npy(job.cameras, str(job.cameras))
+    finished = 0
+
+    def count_finished(number: int) -> None:
+        nonlocal finished
+        finished = number
+        progress(number)
+
     try:
         with Progress("frames", len(paths)) as progress:
             denoise(
@@ -79,11 +86,12 @@ def run(job: DenoiseJob) -> int:
                 layers=job.named_layers(),
                 window=job.window,
                 maps=job.maps,
-                resume=not job.overwrite,
-                progress=progress,
+                overwrite=job.overwrite,
+                progress=count_finished,
             )
-    except Stopped as stop:
-        print(f"{stop}: the same command goes on there")
-        return 0
+    except Stopped:
+        if finished < len(paths):
+            print(f"interrupted: {finished} of {len(paths)} frames are in {job.output}; the same command goes on there")
+            return 1
     print(f"wrote {len(paths)} frames to {job.output}")
     return 0

@@ -11,8 +11,10 @@ from numpy.typing import NDArray
 
 import solari_vk as sv
 from solari_vk.cli import main
+from solari_vk.cli.progress import Progress
 from solari_vk.output.sequences.layers import find_layers
 from solari_vk.output.sequences.motion import Convention, inverted
+from solari_vk.output.sequences.source import Frame, add_camera_motion, find_files
 
 pytest.importorskip("pyoidn")
 
@@ -150,6 +152,67 @@ def test_negative_light_isnt_an_error() -> None:
     assert np.isfinite(sv.denoise(np.full((1, 16, 16, 3), -0.5, np.float32)).frames).all()
 
 
+def test_arguments_of_other_kinds_are_said() -> None:
+    """Before the work; a list of arrays is a sequence."""
+    color = np.ones((2, 16, 16, 3), np.float32)
+    np.testing.assert_array_equal(sv.denoise(list(color)).frames, sv.denoise(color).frames)
+    cases: list[tuple[object, dict[str, object], str]] = [
+        (None, {}, "give frames"),
+        ([color[0], color[1, :8]], {}, "of one shape"),
+        (color, {"convention": 3}, "words with commas"),
+        (color, {"layers": "albedo"}, "layers are names"),
+        (color, {"progress": True}, "progress is a function"),
+        (color, {"cameras": "c.npy"}, "must be matrices"),
+        (color, {"cameras": np.zeros((2, 3, 4))}, "singular"),
+    ]
+    for frames, options, message in cases:
+        with pytest.raises(sv.SolariError, match=message):
+            sv.denoise(frames, **options)
+
+
+def test_sky_moves_with_the_cameras() -> None:
+    """Where depths are infinite, or 0, only the cameras' turns move the picture."""
+    camera = np.array([[100, 0, 8, 0], [0, 100, 8, 0], [0, 0, 1, 0.0]])
+    moved = camera + np.array([[0, 0, 0, 50], [0] * 4, [0] * 4])
+    for depth, motion in ((np.inf, 0), (0, 0), (10, 5)):
+        frame = Frame(np.ones((16, 16, 3), np.float32), depth=np.full((16, 16), depth, np.float32))
+        add_camera_motion(frame, 1, np.array([moved, camera]))
+        np.testing.assert_allclose(frame.motion, np.broadcast_to([motion, 0], (16, 16, 2)), atol=1e-4)
+
+
+def test_numbers_of_files(tmp_path: Path) -> None:
+    for name in ("shot_0001_v2", "shot_0002_v2", "shot_0003_v2", "shot_0003_old_v2"):
+        (tmp_path / f"{name}.exr").touch()
+    shots = ["shot_0001_v2.exr", "shot_0002_v2.exr", "shot_0003_v2.exr"]
+    assert [path.name for path in find_files(tmp_path / "shot_####_v2.exr")] == shots
+    assert [path.name for path in find_files(tmp_path / "shot_000?_v2.exr")] == shots
+    (tmp_path / "still.exr").touch()
+    assert [path.name for path in find_files(tmp_path / "still.exr")] == ["still.exr"]
+    for number in (1, 3, 1690000000123456789):
+        (tmp_path / f"t{number}.exr").touch()
+    with pytest.raises(sv.SolariError, match=r"missing: 5, 7, 9, 11, 13, 15, 17, 19 \.\.\.:"):
+        find_files(tmp_path / "t*.exr")
+
+
+def test_own_motion_and_flicker_without_window(tmp_path: Path) -> None:
+    """The layer guides_motion is in uv; of two layers `forward` alone serves too."""
+    _, arrays = wall()
+    options = {"window": 0, "maps": True}
+    expected = sv.denoise(arrays["color"], **options, **given(arrays, "albedo", "motion"))
+    assert expected.flicker[1:].mean() > 0
+    for layer, vectors in (
+        ("guides_motion", arrays["motion"] / np.float32([WIDTH, HEIGHT])),
+        ("forward", -arrays["motion"]),
+    ):
+        folder = tmp_path / layer
+        folder.mkdir()
+        for index in range(3):
+            layers = {layer: vectors[index], "albedo": arrays["albedo"][index]}
+            sv.save_image(folder / f"{index}.exr", arrays["color"][index], layers=layers)
+        files = sv.denoise(folder, tmp_path / f"{layer}_out", **options).files
+        np.testing.assert_allclose(read(files[1])["flicker"], expected.flicker[1], atol=1e-2)
+
+
 def test_conventions() -> None:
     vectors = np.float32([[[0.5, 0.25]] * 8] * 4)
     assert Convention.parse("uv").offsets(vectors)[0, 0].tolist() == [4, 1]
@@ -212,6 +275,36 @@ def test_files_resume_and_belong_together(tmp_path: Path, capsys: pytest.Capture
     assert main([*words, "--window", "2"]) == 2
     assert "made of other frames or with other settings" in capsys.readouterr().err
     assert main([*words, "--window", "2", "--overwrite"]) == 0
+    # A file that was cut off is said to be that, and alone replaced.
+    cut = out / "f_0002.exr"
+    cut.write_bytes(cut.read_bytes()[:-100])
+    times = {path.name: path.stat().st_mtime_ns for path in out.iterdir()}
+    assert main([*words, "--window", "2"]) == 2
+    assert "isn't a whole EXR file" in capsys.readouterr().err
+    assert main([*words, "--window", "2", "--overwrite"]) == 0
+    assert [name for name, time in times.items() if (out / name).stat().st_mtime_ns != time] == [cut.name]
+
+
+def test_ctrl_c_is_no_success(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What is finished stays, and the same command goes on there."""
+    _, arrays = wall()
+    words = ["denoise", str(write_blender(tmp_path / "in", arrays, 3)), "-o", str(tmp_path / "out"), "--overwrite"]
+    show = Progress.__call__
+
+    def interrupted(self: Progress, done: int) -> None:
+        self._interrupt()
+        show(self, done)
+
+    with monkeypatch.context() as context:
+        context.setattr(Progress, "__call__", interrupted)
+        assert main(words) == 1
+    assert "1 of 3 frames" in capsys.readouterr().out
+    first = tmp_path / "out" / "f_0001.exr"
+    time = first.stat().st_mtime_ns
+    assert main(words) == 0
+    assert first.stat().st_mtime_ns == time
 
 
 def test_what_cant_be_denoised_is_said(tmp_path: Path) -> None:

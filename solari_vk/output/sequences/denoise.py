@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import os
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -12,7 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solari_vk.base.errors import SolariError, checked_keywords, quoted, unknown_name
-from solari_vk.base.files import make_folder
+from solari_vk.base.files import make_folder, read_regular
+from solari_vk.base.host_array import host_array
 from solari_vk.output import oidn
 from solari_vk.output.picture import write_picture
 from solari_vk.output.sequences.layers import NAMES, WITHOUT, read_channels, read_header
@@ -27,6 +28,7 @@ from solari_vk.output.sequences.source import (
     read_cameras,
 )
 from solari_vk.output.sequences.temporal import Prepared, blended, change, prepare
+from solari_vk.scene.images.exr import IDENTIFIER, is_whole
 
 WINDOW = 4
 MAX_WINDOW = 32
@@ -67,7 +69,7 @@ def denoise(
     layers: Mapping[str, str] | None = None,
     window: int = WINDOW,
     maps: bool = False,
-    resume: bool = True,
+    overwrite: bool = False,
     progress: Callable[[int], None] | None = None,
 ) -> Denoised:
     """Denoise the frames of an animation that any renderer made, with the frames before and after each.
@@ -86,17 +88,21 @@ def denoise(
     where there are no motion vectors. convention: what motion vectors mean, such as "to-previous,y-up,pixels"; by
     default that of the files' renderer. window: frames before and after that are looked at. maps: also give, or write
     as layers `error` and `flicker`, maps of the standard error, without what OIDN blurs, and of the change since the
-    previous frame along the motion. resume: keep frames that are written already. progress: called with the number of
-    finished frames.
+    previous frame along the motion. overwrite: replace files in `output` of other frames or settings, or that aren't
+    whole; frames that are written already are kept. progress: called with the number of finished frames.
 
     Memory: about 90 bytes a pixel for each of 2 * window + 1 frames. Spatial denoising is by Intel Open Image Denoise,
     the package solari-vk[oidn]; the weights over time are those of non-local means with guides (Rousselle et al.,
     2013). Raises SolariError without that package; for files that are no EXR, damaged, of differing sizes or layers, or
     missing in the sequence; for values that aren't finite; for motion vectors that lead the wrong way; for files in
-    `output` of other frames or settings.
+    `output` of other frames or settings, without `overwrite`.
     """
     if not (isinstance(window, int) and 0 <= window <= MAX_WINDOW):
         raise SolariError(f"denoise: window is a number of frames from 0 to {MAX_WINDOW}, not {quoted(window)}")
+    if progress is not None and not callable(progress):
+        raise SolariError(f"denoise: progress is a function of the number of finished frames, not {quoted(progress)}")
+    if not isinstance(layers, Mapping | None):
+        raise SolariError(f"denoise: layers are names, as {{'albedo': 'MyAlbedo'}}, not {quoted(layers)}")
     oidn.check_installed()
     meaning = None if convention is None else Convention.parse(convention)
     chosen = dict(layers or {})
@@ -104,6 +110,8 @@ def denoise(
         if name not in NAMES:
             raise unknown_name("denoise: there is no layer", name, NAMES)
     arrays = {"albedo": albedo, "normal": normal, "depth": depth, "position": position, "motion": motion}
+    if isinstance(frames, list | tuple) and frames and not isinstance(frames[0], str | os.PathLike):
+        frames = _stacked(frames)
     if isinstance(frames, str | os.PathLike | list | tuple):
         extra = [name for name, value in arrays.items() if value is not None]
         if extra:
@@ -113,10 +121,13 @@ def denoise(
         if output is None:
             raise SolariError("denoise: give the folder for the denoised files as output")
         source = ExrSource(find_files(frames), chosen, meaning)
-        return _denoise_files(source, Path(output), cameras, window, maps, resume, progress)
+        return _denoise_files(source, Path(output), cameras, window, maps, overwrite, progress)
     if output is not None or chosen:
         raise SolariError("denoise: output and layers are for files: of arrays the result is returned")
-    work = _Work(ArraySource({"color": frames, **arrays}, meaning or Convention()), cameras, window)
+    if frames is None:
+        raise SolariError("denoise: give frames as an array (frames, height, width, 3), a folder, a pattern or a list")
+    arrays_source = ArraySource({"color": frames, **arrays}, meaning or Convention())
+    work = _Work(arrays_source, _read_cameras(cameras, arrays_source), window)
     made = []
     for index in range(len(work.source.names)):
         made.append(work.result(index, maps))
@@ -126,10 +137,25 @@ def denoise(
     return Denoised(results[0], results[1], results[2], [])
 
 
+def _stacked(frames: Sequence[Any]) -> NDArray[Any]:
+    try:
+        return np.stack([host_array(frame) for frame in frames])
+    except (TypeError, ValueError):
+        raise SolariError(
+            "denoise: a list of frames has either paths of files or arrays (height, width, 3) of one shape"
+        ) from None
+
+
+def _read_cameras(cameras: Any, source: Source) -> NDArray[np.float64] | None:
+    return None if cameras is None else read_cameras(cameras, len(source.names))
+
+
 def lost_without(source: ExrSource, cameras: bool) -> Iterator[str]:
     """What the sequence loses by each layer that it lacks, in a line."""
     for name, loss in WITHOUT.items():
-        replaced = cameras if name == "motion" else name == "depth" and cameras and "position" in source.layers.channels
+        replaced = name == "depth" and cameras and "position" in source.layers.channels
+        if name == "motion":
+            replaced = cameras or "motion_next" in source.layers.channels
         if name not in source.layers.channels and not replaced:
             yield f"no {name}: {loss}"
 
@@ -140,7 +166,7 @@ def _denoise_files(
     cameras: Any,
     window: int,
     maps: bool,
-    resume: bool,
+    overwrite: bool,
     progress: Callable[[int], None] | None,
 ) -> Denoised:
     files = [folder / path.name for path in source.paths]
@@ -148,11 +174,12 @@ def _denoise_files(
         raise SolariError(f"{folder}: two frames of the sequence have one name: denoise each folder on its own")
     if any(file.resolve() == path.resolve() for file, path in zip(files, source.paths, strict=True)):
         raise SolariError(f"{folder}: is the folder of the sequence itself: choose another one for the denoised frames")
+    matrices = _read_cameras(cameras, source)
     make_folder(folder)
-    settings = f"{_VERSION} {window} {maps} {source.conventions[0]} {source.layers.described()} {_digest(cameras)}"
-    marks = [_mark(source, index, window, settings) for index in range(len(files))]
-    kept = [resume and file.exists() and _is_kept(file, mark) for file, mark in zip(files, marks, strict=True)]
-    work = _Work(source, cameras, window, check=not all(kept))
+    settings = f"{_VERSION} {window} {maps} {source.conventions[0]} {source.layers.described()} {_digest(matrices)}"
+    marks = [_mark(source, index, max(window, int(maps)), settings) for index in range(len(files))]
+    kept = [file.exists() and _is_kept(file, mark, overwrite) for file, mark in zip(files, marks, strict=True)]
+    work = _Work(source, matrices, window, check=not all(kept))
     for index, file in enumerate(files):
         if not kept[index]:
             if work.previous is None and index > 0 and maps:
@@ -169,8 +196,8 @@ def _denoise_files(
     return Denoised(None, None, None, files)
 
 
-def _digest(cameras: Any) -> str:
-    return "" if cameras is None else hashlib.sha256(np.asarray(cameras, np.float64).tobytes()).hexdigest()
+def _digest(cameras: NDArray[np.float64] | None) -> str:
+    return "" if cameras is None else hashlib.sha256(cameras.tobytes()).hexdigest()
 
 
 def _mark(source: ExrSource, index: int, window: int, settings: str) -> str:
@@ -179,13 +206,17 @@ def _mark(source: ExrSource, index: int, window: int, settings: str) -> str:
     return hashlib.sha256(" ".join([settings, str(index), *map(source.digest, around)]).encode()).hexdigest()
 
 
-def _is_kept(file: Path, mark: str) -> bool:
-    """Whether a file is the frame that would be written. Raises SolariError for another one."""
-    if read_header(file).get(_MARK) == mark:
+def _is_kept(file: Path, mark: str, overwrite: bool) -> bool:
+    """Whether a file is the frame that would be written. Raises SolariError for another one, without `overwrite`."""
+    data = read_regular(file, str(file))
+    whole = data.startswith(IDENTIFIER) and is_whole(data)
+    if whole and read_header(file).get(_MARK) == mark:
         return True
+    if overwrite:
+        return False
+    wrong = "made of other frames or with other settings" if whole else "but isn't a whole EXR file"
     raise SolariError(
-        f"{file}: is there already, made of other frames or with other settings: choose another folder, or "
-        "resume=False (--overwrite) to replace it"
+        f"{file}: is there already, {wrong}: choose another folder, or overwrite=True (--overwrite) to replace it"
     )
 
 
@@ -197,12 +228,12 @@ def _picture(file: Path) -> NDArray[np.float32]:
 class _Work:
     """The frames around the one that is denoised; older ones are dropped."""
 
-    def __init__(self, source: Source, cameras: Any, window: int, check: bool = True) -> None:
+    def __init__(self, source: Source, cameras: NDArray[np.float64] | None, window: int, check: bool = True) -> None:
         self.source = source
         self.alpha: dict[int, NDArray[np.float32] | None] = {}
         self.previous: NDArray[np.float32] | None = None
         """The denoised frame before the next one, for its flicker."""
-        self._cameras = None if cameras is None else read_cameras(cameras, len(source.names))
+        self._cameras = cameras
         self._window = window
         self._prepared: dict[int, Prepared] = {}
         if check:
@@ -211,11 +242,13 @@ class _Work:
     def result(self, index: int, maps: bool) -> tuple[NDArray[np.float32], _Map, _Map]:
         """The picture, and with `maps` its error and flicker."""
         first, last = max(0, index - self._window), min(len(self.source.names) - 1, index + self._window)
-        self._prepared = {number: frame for number, frame in self._prepared.items() if number >= first}
-        for number in range(first, last + 1):
+        # Flicker needs the frame before, whatever the window.
+        oldest = min(first, max(0, index - 1)) if maps else first
+        self._prepared = {number: frame for number, frame in self._prepared.items() if number >= oldest}
+        for number in range(oldest, last + 1):
             if number not in self._prepared:
                 self._prepared[number] = self._prepare(number)
-        picture, error = blended(self._prepared, index)
+        picture, error = blended({number: self._prepared[number] for number in range(first, last + 1)}, index)
         if not maps:
             return picture, None, None
         flicker = np.zeros(picture.shape[:2], np.float32)

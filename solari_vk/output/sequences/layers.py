@@ -24,6 +24,8 @@ VECTORS = (("x", "y", "z"), *COLORS)
 SCALARS = (("z",), ("t",), ("v",), ("y",), ("r",), ("red",), ("",), ("depth",))
 PAIRS = (("x", "y"), ("u", "v"), ("r", "g"), ("red", "green"))
 
+_OWN_MOTION = "guides_motion"
+
 # Names of layers in lower case, the best first; "" is the layer of channels without one, such as R, G and B.
 NAMES: dict[str, tuple[str, ...]] = {
     # Blender's Combined is denoised already where the render denoises; then the noise is in Noisy Image.
@@ -41,7 +43,16 @@ NAMES: dict[str, tuple[str, ...]] = {
         *("position", "p", "pworld", "__pworld", "pos", "worldposition", "world_position", "worldpositions"),
         *("vrayworldposition", "pp"),
     ),
-    "motion": ("vector", "motionvector", "motion_vector", "motion", "backward", "velocity", "vrayvelocity"),
+    "motion": (
+        "vector",
+        "motionvector",
+        "motion_vector",
+        "motion",
+        "backward",
+        "velocity",
+        "vrayvelocity",
+        _OWN_MOTION,
+    ),
     "motion_next": ("forward",),
 }
 SHAPES = {
@@ -72,6 +83,11 @@ class Layers:
     def is_blender(self) -> bool:
         """Whether motion is Blender's pass Vector: four channels, y up, the next frame's with the other sign."""
         return len(self.channels.get("motion", ())) == 4
+
+    @property
+    def is_own(self) -> bool:
+        """Whether motion is this package's."""
+        return _common(self.channels.get("motion", ("",))).lower().endswith(_OWN_MOTION)
 
     def described(self) -> str:
         """The layers and where they come from, in a line."""

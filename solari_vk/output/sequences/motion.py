@@ -37,6 +37,8 @@ class Convention:
     @staticmethod
     def parse(text: str) -> Convention:
         """The convention of words with commas, such as "to-previous,y-up"; what isn't said is the default."""
+        if not isinstance(text, str):
+            raise SolariError(f"convention {quoted(text)}: give words with commas, such as 'to-previous,y-up'")
         values = {}
         for word in text.split(","):
             field = next(
@@ -81,6 +83,8 @@ class Convention:
 
 
 _FIELDS = ("direction", "axis", "unit")
+OWN = Convention(unit="uv")
+"""Of this package's layer guides_motion."""
 BLENDER = Convention("to-previous", "y-up")
 """Of the first two channels of Blender's pass Vector. The other two are about the next frame, with the other sign."""
 
@@ -98,13 +102,14 @@ def inverted(offsets: Floats) -> Floats:
     return found
 
 
-def from_cameras(position: Floats, camera: NDArray[np.float64]) -> Floats:
+def from_cameras(position: Floats, camera: NDArray[np.float64], weight: Floats | float = 1.0) -> Floats:
     """Offsets in pixels to where resting surfaces are in another frame.
 
-    position: (height, width, 3), of the world. camera: the other frame's matrix (3, 4), from (x, y, z, 1) to (column,
+    position: (height, width, 3), of the world. weight: 1, and (height, width, 1) 0 where `position` is a
+    direction to what is infinitely far. camera: the other frame's matrix (3, 4), from (x, y, z, 1) to (column,
     row, 1) times the depth, in pixels whose centers are at half numbers.
     """
-    shown = position @ camera[:, :3].T + camera[:, 3]
+    shown = position @ camera[:, :3].T + weight * camera[:, 3]
     with np.errstate(divide="ignore", invalid="ignore"):
         pixels = shown[..., :2] / shown[..., 2:]
     # What is behind the camera is outside of the picture.
@@ -112,11 +117,17 @@ def from_cameras(position: Floats, camera: NDArray[np.float64]) -> Floats:
     return np.asarray(pixels - 0.5 - pixel_grid(*position.shape[:2]), np.float32)
 
 
-def position_of_depth(depth: Floats, camera: NDArray[np.float64]) -> Floats:
-    """Positions (height, width, 3) from depths along the camera's axis and its matrix, as of `from_cameras`."""
+def position_of_depth(depth: Floats, camera: NDArray[np.float64]) -> tuple[Floats, Floats]:
+    """Positions (height, width, 3) from depths along the camera's axis and its matrix, and weights, as of
+    `from_cameras`: where the depth is 0 or infinite nothing is near. Raises SolariError for a camera without
+    perspective."""
+    if np.linalg.matrix_rank(camera[:, :3]) < 3:
+        raise SolariError("denoise: cameras without perspective (singular matrices) need positions, not depths")
+    is_near = np.isfinite(depth) & (depth != 0)
+    weight = is_near[..., None].astype(np.float32)
     grid = pixel_grid(*depth.shape) + 0.5
-    shown = np.concatenate([grid, np.ones_like(grid[..., :1])], axis=-1) * depth[..., None]
-    return np.asarray((shown - camera[:, 3]) @ np.linalg.inv(camera[:, :3]).T, np.float32)
+    shown = np.concatenate([grid, np.ones_like(grid[..., :1])], axis=-1) * np.where(is_near, depth, 1)[..., None]
+    return np.asarray((shown - weight * camera[:, 3]) @ np.linalg.inv(camera[:, :3]).T, np.float32), weight
 
 
 def check_direction(

@@ -17,11 +17,11 @@ from numpy.typing import NDArray
 from solari_vk.base.errors import SolariError, quoted
 from solari_vk.base.host_array import host_array
 from solari_vk.output.sequences.layers import Layers, find_layers, read_channels
-from solari_vk.output.sequences.motion import BLENDER, Convention, check_direction, from_cameras, position_of_depth
+from solari_vk.output.sequences.motion import BLENDER, OWN, Convention, check_direction, from_cameras, position_of_depth
 
 Floats = NDArray[np.float32]
 _CHECKED_PAIRS = 6
-_NUMBER = re.compile(r"(\d+)(?!.*\d)")
+_NUMBERS = re.compile(r"\d+")
 _HOLES = re.compile(r"%\d*d|#+")
 
 
@@ -104,8 +104,11 @@ class ExrSource(Source):
         self.layers: Layers = find_layers(list(first), chosen, self.names[0])
         self._size = first[self.layers.channels["color"][0]].shape
         is_blender = self.layers.is_blender
-        first_pair = convention or (BLENDER if is_blender else Convention())
-        self.conventions = (first_pair, first_pair.of_second_pair(turned=is_blender))
+        first_pair = convention or (BLENDER if is_blender else OWN if self.layers.is_own else Convention())
+        second_pair = first_pair.of_second_pair(turned=is_blender)
+        if "motion" not in self.layers.channels and first_pair.leads_to_next:
+            second_pair = first_pair  # said of the only layer, `forward`
+        self.conventions = (first_pair, second_pair)
         self._digests: dict[int, str] = {}
 
     def digest(self, index: int) -> str:
@@ -139,15 +142,13 @@ class ExrSource(Source):
     def _turn_motion(self, layers: dict[str, Floats]) -> None:
         vectors = layers.pop("motion", None)
         second = layers.pop("motion_next", None)
-        if vectors is None:
-            return
-        if vectors.shape[2] == 4:
+        if vectors is not None and vectors.shape[2] == 4:
             second = vectors[..., 2:]
-        _add_motion(layers, self.conventions, vectors[..., :2], second)
+        _add_motion(layers, self.conventions, None if vectors is None else vectors[..., :2], second)
 
 
 def _add_motion(
-    layers: dict[str, Floats], conventions: tuple[Convention, Convention], first: Floats, second: Floats | None
+    layers: dict[str, Floats], conventions: tuple[Convention, Convention], first: Floats | None, second: Floats | None
 ) -> None:
     for convention, vectors in zip(conventions, (first, second), strict=True):
         if vectors is not None:
@@ -182,41 +183,60 @@ def find_files(sequence: Any) -> list[Path]:
             raise SolariError(f"denoise: there is no file {missing_file or 'in the list'}")
         return paths
     place = Path(sequence)
+    pattern = None
     if place.is_dir():
         paths = [path for path in place.iterdir() if path.suffix.lower() == ".exr"]
         what = "in the folder"
     else:
         paths = list(place.parent.glob(_HOLES.sub("*", place.name))) if place.parent.is_dir() else []
+        if _HOLES.search(place.name):
+            parts = [re.escape(part).replace(r"\*", ".*").replace(r"\?", ".") for part in _HOLES.split(place.name)]
+            pattern = re.compile(r"(\d+)".join(parts))
+            paths = [path for path in paths if pattern.fullmatch(path.name)]
         what = "by this pattern"
     if not paths:
         raise SolariError(f"{sequence}: there are no EXR files {what}: give a folder, a pattern or a list of files")
-    numbered = sorted((_number(path), path.name, path) for path in paths)
+    if len(paths) == 1:
+        return paths
+    numbered = sorted(zip(_numbers(paths, pattern), [path.name for path in paths], paths, strict=True))
     numbers = [number for number, _, _ in numbered]
-    step = min((b - a for a, b in itertools.pairwise(numbers)), default=1)
+    step = min(b - a for a, b in itertools.pairwise(numbers))
     if numbers[0] < 0 or step == 0:
         raise SolariError(f"{sequence}: not all files have numbers of their own, as frame_0001.exr: give a pattern")
-    missing = sorted(set(range(numbers[0], numbers[-1], step)) - set(numbers))
+    gaps = itertools.chain.from_iterable(range(a + step, b, step) for a, b in itertools.pairwise(numbers))
+    missing = list(itertools.islice(gaps, 9))
     if missing:
         some = ", ".join(map(str, missing[:8])) + (" ..." if len(missing) > 8 else "")
         raise SolariError(f"{sequence}: frames are missing: {some}: render them, or give a list of the files")
     return [path for _, _, path in numbered]
 
 
-def _number(path: Path) -> int:
-    found = _NUMBER.search(path.stem)
-    return int(found[1]) if found else -1
+def _numbers(paths: Sequence[Path], pattern: re.Pattern[str] | None) -> list[int]:
+    """The numbers of frames: of the pattern's last hole, else the last ones in the names that aren't all the same; -1
+    where there are none."""
+    if pattern is not None:
+        matches = [pattern.fullmatch(path.name) for path in paths]
+        found = [[int(number) for number in match.groups()] if match else [] for match in matches]
+    else:
+        found = [[int(number) for number in _NUMBERS.findall(path.stem)] for path in paths]
+    if pattern is None and len({len(numbers) for numbers in found}) == 1:
+        columns = list(zip(*found, strict=True))
+        return list(next((column for column in reversed(columns) if len(set(column)) > 1), [-1] * len(paths)))
+    return [numbers[-1] if numbers else -1 for numbers in found]
 
 
 def add_camera_motion(frame: Frame, index: int, cameras: NDArray[np.float64]) -> None:
     """Give a frame without motion that of resting surfaces between the cameras, (frames, 3, 4)."""
-    if frame.position is None and frame.depth is not None:
-        frame.position = position_of_depth(frame.depth, cameras[index])
-    if frame.position is None:
+    weight: Floats | float = 1.0
+    position = frame.position
+    if position is None and frame.depth is not None:
+        position, weight = position_of_depth(frame.depth, cameras[index])
+    if position is None:
         raise SolariError("denoise: cameras need positions or depths of surfaces, to say where these were: render one")
     if index > 0:
-        frame.motion = from_cameras(frame.position, cameras[index - 1])
+        frame.motion = from_cameras(position, cameras[index - 1], weight)
     if index + 1 < len(cameras):
-        frame.motion_next = from_cameras(frame.position, cameras[index + 1])
+        frame.motion_next = from_cameras(position, cameras[index + 1], weight)
 
 
 def check_motion(source: Source) -> None:
@@ -250,7 +270,10 @@ def read_cameras(cameras: Any, count: int) -> NDArray[np.float64]:
     try:
         found = np.asarray(host_array(cameras), np.float64)
     except (TypeError, ValueError):
-        found = np.empty(0)
+        raise SolariError(f"denoise: cameras must be matrices ({count}, 3, 4), not {quoted(cameras)}") from None
     if found.shape != (count, 3, 4) or not np.isfinite(found).all():
-        raise SolariError(f"denoise: cameras must be finite matrices ({count}, 3, 4), not {quoted(np.shape(cameras))}")
+        raise SolariError(f"denoise: cameras must be finite matrices ({count}, 3, 4), not {quoted(found.shape)}")
+    singular = np.flatnonzero(np.linalg.matrix_rank(found) < 3)
+    if len(singular):
+        raise SolariError(f"denoise: the matrix of camera {singular[0]} is singular: it shows no picture")
     return found
