@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import asyncio
-import atexit
+import operator
 import os
 import threading
 import weakref
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from typing import TYPE_CHECKING, Any
 
@@ -32,40 +32,52 @@ REALTIME_FRAMES = 48  # light has gathered by then
 SAMPLES = 256
 DENOISED_SAMPLES = 48
 
-_devices: dict[int, Device] = {}  # by thread: a device is used in one
-_unused: deque[PathTracer | Renderer] = deque()  # renderers of frames that are gone
-
 
 # ---- what is kept between calls ---------------------------------------------------------------------
 
 
-def kept_device() -> Device:
-    """The device of `render` and `view`. The first call in a thread opens it; it is closed when Python ends. A lost or
-    closed device is replaced by a new one. Raises DeviceError when no device fits."""
-    key = threading.get_ident()
-    device = _devices.get(key)
-    if device is not None and (device.lost or device.closed):
-        del _devices[key]
-        device.close()
-        device = None
-    if device is None:
-        device = _devices[key] = Device()
-    return device
+class KeptDevice:
+    """A device that is closed once its thread has ended and its frames are gone, or when Python ends."""
+
+    def __init__(self) -> None:
+        self.device = Device()
+        weakref.finalize(self, self.device.close)
 
 
-@atexit.register
-def _close_devices() -> None:
-    for device in _devices.values():
-        device.close()
+class _OfThread(threading.local):
+    """What a thread keeps: a device is used in one."""
+
+    def __init__(self) -> None:
+        self.kept: KeptDevice | None = None
+        self.unused: deque[PathTracer | Renderer] = deque()  # renderers of frames that are gone
+
+
+_here = _OfThread()
+
+
+def kept_device() -> KeptDevice:
+    """The device of `render` and `view`, which the first call in a thread opens. A lost or closed device is replaced by
+    a new one. Raises DeviceError when no device fits."""
+    kept = _here.kept
+    if kept is not None and (kept.device.lost or kept.device.closed):
+        _here.kept = None
+        kept.device.close()
+        kept = None
+    if kept is None:
+        kept = _here.kept = KeptDevice()
+    return kept
 
 
 class _LastingSource:
-    """The renderer of one frame, which is closed once the frame is gone; see `results.Source`."""
+    """The renderer of one frame, which is closed once the frame is gone; see `results.Source`.
 
-    def __init__(self, renderer: PathTracer | Renderer) -> None:
+    owner: what closes the device, for as long as the frame needs it."""
+
+    def __init__(self, renderer: PathTracer | Renderer, owner: object) -> None:
         self.renderer = renderer
+        self.owner = owner
         # Collected objects end in any thread, so the renderer is closed by a later call of `render`.
-        weakref.finalize(self, _unused.append, renderer).atexit = False
+        weakref.finalize(self, _here.unused.append, renderer).atexit = False
 
     def __getattr__(self, name: str) -> Any:
         return getattr(self.renderer, name)
@@ -75,13 +87,31 @@ class _LastingSource:
         self.renderer.device.check_open()
 
 
-def _lasting(renderer: PathTracer | Renderer, frame: RenderedFrame) -> RenderedFrame:
-    """A frame that can be read for as long as somebody has it."""
-    source: Any = _LastingSource(renderer)
+def _lasting(renderer: PathTracer | Renderer, frame: RenderedFrame, owner: object) -> RenderedFrame:
+    """A frame that can be read for as long as somebody has it. owner: see `_LastingSource`."""
+    source: Any = _LastingSource(renderer, owner)
     return RenderedFrame(source, frame.camera, frame._projection, frame._timeline_value)
 
 
 # ---- the functions ----------------------------------------------------------------------------------
+
+
+def _check(who: str, size: Any, camera: Any, mode: Any, modes: Sequence[str], device: Any = None) -> None:
+    """Raise SolariError for an argument that can't be, before anything is opened."""
+    if mode not in modes:
+        raise unknown_name(f"{who}: there is no mode", mode, modes)
+    try:
+        width, height = (operator.index(side) for side in size)
+    except (TypeError, ValueError):
+        width = height = 0
+    if width < 1 or height < 1:
+        raise SolariError(f"{who}: size must be two whole numbers from 1 on, (width, height), not {quoted(size)}")
+    if not (camera is None or isinstance(camera, Camera)):
+        raise SolariError(f"{who}: camera must be a Camera, such as one of scene.cameras, not {quoted(camera)}")
+    if device is not None:
+        if not isinstance(device, Device):
+            raise SolariError(f'{who}: device must be a Device, such as solari_vk.Device("cpu"), not {quoted(device)}')
+        device.check_open()
 
 
 def _opened(who: str, scene: ScenePath) -> Scene:
@@ -115,12 +145,11 @@ def render(
     denoise: by Intel Open Image Denoise (the extra `oidn`); realtime frames have a denoiser of their own. camera: by
     default the scene's. mode: "reference" is the path tracer, "realtime" the realtime renderer; "auto" is the path
     tracer, but the realtime renderer where neither samples are given nor OIDN is installed. progress: show it on
-    standard error, in terminals as a bar. device: by default one that is opened by the first call and kept for later
-    ones. The frame can be read for as long as it exists, also after later calls. Many pictures of one scene are
-    quicker with one PathTracer or Renderer. Raises SolariError as these do.
+    standard error, in terminals as a bar. device: by default one that is opened by the first call in a thread and kept
+    for later ones. The frame can be read for as long as it exists, also after later calls. Many pictures of one scene
+    are quicker with one PathTracer or Renderer. Raises SolariError as these do.
     """
-    if mode not in MODES:
-        raise unknown_name("solari_vk.render: there is no mode", mode, MODES)
+    _check("solari_vk.render", size, camera, mode, MODES, device)
     opened = _opened("solari_vk.render", scene)
     has_oidn = oidn.is_installed()
     if mode == "auto":
@@ -134,12 +163,15 @@ def render(
         denoise = False
     if samples is None:
         samples = DENOISED_SAMPLES if denoise else SAMPLES
+    owner: object = device
     if device is None:
-        device = kept_device()
-    while _unused:
-        _unused.popleft().close()
+        owner = kept = kept_device()
+        device = kept.device
+    while _here.unused:
+        _here.unused.popleft().close()
     if mode == "realtime":
-        return _render_realtime(device, opened, size, camera, seed, progress)
+        renderer, frame = _render_realtime(device, opened, size, camera, seed, progress)
+        return _lasting(renderer, frame, owner)
     tracer = PathTracer(device, opened, size, seed=seed)
     try:
         with Progress("samples a pixel", samples, stops=False, shown=progress) as shown:
@@ -147,12 +179,12 @@ def render(
     except BaseException:
         tracer.close()
         raise
-    return _lasting(tracer, frame)
+    return _lasting(tracer, frame, owner)
 
 
 def _render_realtime(
     device: Device, scene: Scene, size: tuple[int, int], camera: Camera | None, seed: int, progress: bool
-) -> RenderedFrame:
+) -> tuple[Renderer, RenderedFrame]:
     renderer = Renderer(device, scene, size, seed=seed)
     try:
         with Progress("frames", REALTIME_FRAMES, stops=False, shown=progress) as shown:
@@ -162,7 +194,7 @@ def _render_realtime(
     except BaseException:
         renderer.close()
         raise
-    return _lasting(renderer, frame)
+    return renderer, frame
 
 
 @checked_keywords(who="solari_vk")
@@ -176,10 +208,13 @@ def view(
 ) -> None:
     """Show a scene, or a file as `open` gives it, in a window until it is closed. mode: that of `Viewer`, which has
     further options. device: by default that of `render`. Raises SolariError where no window can be opened."""
+    from solari_vk.studio.viewer.pictures import MODES as SHOWN
+
+    _check("solari_vk.view", size, camera, mode, SHOWN, device)
     from solari_vk.studio.viewer.app import Viewer
 
     opened = _opened("solari_vk.view", scene)
-    with Viewer(device or kept_device(), opened, size=size, camera=camera, mode=mode) as viewer:
+    with Viewer(device or kept_device().device, opened, size=size, camera=camera, mode=mode) as viewer:
         viewer.run()
 
 
@@ -202,13 +237,19 @@ def serve(
     `serve`.
     """
     from solari_vk.studio.browser.serving import serve_screens
+    from solari_vk.studio.viewer.pictures import MODES as SHOWN
 
+    _check("solari_vk.serve", size, camera, mode, SHOWN)
+    if not (isinstance(port, int) and 0 <= port < 2**16):
+        raise SolariError(f"solari_vk.serve: port must be a whole number from 0 to 65535, not {quoted(port)}")
     try:
         asyncio.get_running_loop()
     except RuntimeError:
         pass
     else:
         raise SolariError("solari_vk.serve: a notebook shows solari_vk.notebook.show(renderer), of a Renderer")
+    if threading.current_thread() is not threading.main_thread():
+        raise SolariError("solari_vk.serve: runs in the main thread only, which receives Ctrl-C; call it there")
 
     def prepared() -> Callable[[], Screens]:
         opened = _opened("solari_vk.serve", scene)

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import tempfile
 import threading
+import time
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -18,7 +20,7 @@ SIZE = (24, 16)
 @pytest.fixture(autouse=True)
 def tests_device(device, monkeypatch):
     """The tests' device in place of one that the functions open."""
-    monkeypatch.setattr(one_line, "_devices", {threading.get_ident(): device})
+    monkeypatch.setattr(one_line._here, "kept", SimpleNamespace(device=device))
 
 
 def test_a_frame_lasts_and_its_renderer_is_closed_after_it(device):
@@ -68,15 +70,72 @@ def test_a_device_that_is_gone_is_opened_again(device, monkeypatch):
             self.closed = True
 
     monkeypatch.setattr(one_line, "Device", Opened)
-    assert one_line.kept_device() is device
-    one_line._devices.clear()
-    first = one_line.kept_device()
-    assert one_line.kept_device() is first
+    assert one_line.kept_device().device is device
+    monkeypatch.setattr(one_line._here, "kept", None)
+    first = one_line.kept_device().device
+    assert one_line.kept_device().device is first
     first.lost = True
-    second = one_line.kept_device()
+    second = one_line.kept_device().device
     assert (first.closed, opened) == (True, [first, second])
-    one_line._close_devices()
+    one_line._here.kept = None
     assert second.closed
+
+
+def test_a_device_is_closed_with_its_thread_and_frames(device, monkeypatch):
+    closed = []
+    monkeypatch.setattr(
+        one_line, "Device", lambda: SimpleNamespace(lost=False, closed=False, close=lambda: closed.append(1))
+    )
+    sources = []
+
+    def work(keeps):
+        kept = one_line.kept_device()
+        one_line._here.unused.append("of this thread")
+        if keeps:
+            sources.append(one_line._LastingSource(kept, kept))
+
+    for keeps, expected in ((False, 1), (True, 1)):
+        thread = threading.Thread(target=work, args=(keeps,))
+        thread.start()
+        thread.join()
+        for _ in range(200):  # a thread forgets what is its own after `join`, in some versions of Python
+            if len(closed) == expected:
+                break
+            time.sleep(0.01)
+        assert len(closed) == expected
+    sources.clear()
+    assert len(closed) == 2
+    assert "of this thread" not in one_line._here.unused
+
+
+def test_wrong_arguments(device, monkeypatch):
+    scene = sv.builtin("cornell_box")
+    for function, wrong, why in (
+        (sv.view, {"device": "cpu"}, r"device must be a Device, such as solari_vk.Device\("),
+        (sv.view, {"camera": "x"}, "camera must be a Camera"),
+        (sv.view, {"mode": "x"}, "solari_vk.view: there is no mode 'x'"),
+        (sv.serve, {"size": 64}, "size must be two whole numbers"),
+        (sv.serve, {"mode": "x"}, "solari_vk.serve: there is no mode 'x'"),
+        (sv.serve, {"port": "x"}, "port must be a whole number"),
+        (sv.render, {"camera": "x"}, "camera must be a Camera"),
+    ):
+        with pytest.raises(sv.SolariError, match=why):
+            function(scene, **wrong)
+    with monkeypatch.context() as patched:
+        patched.setattr(device, "closed", True)
+        with pytest.raises(sv.SolariError, match="was closed: make a new Device"):
+            sv.render(scene, SIZE, device=device)
+    errors = []
+
+    def serve():
+        with pytest.raises(sv.SolariError, match="main thread") as error:
+            sv.serve(scene)
+        errors.append(error)
+
+    thread = threading.Thread(target=serve)
+    thread.start()
+    thread.join()
+    assert errors
 
 
 def test_show(monkeypatch, tmp_path):
