@@ -202,13 +202,17 @@ def test_own_motion_and_flicker_without_window(tmp_path: Path) -> None:
     assert expected.flicker[1:].mean() > 0
     for layer, vectors in (
         ("guides_motion", arrays["motion"] / np.float32([WIDTH, HEIGHT])),
-        ("forward", -arrays["motion"]),
+        ("forward", arrays["motion"]),
     ):
         folder = tmp_path / layer
         folder.mkdir()
         for index in range(3):
             layers = {layer: vectors[index], "albedo": arrays["albedo"][index]}
             sv.save_image(folder / f"{index}.exr", arrays["color"][index], layers=layers)
+        if layer == "forward":
+            with pytest.raises(sv.SolariError, match="convention='from-next,y-down,pixels'"):
+                sv.denoise(folder, tmp_path / f"{layer}_out", convention="to-previous", **options)
+            options["convention"] = "from-next"
         files = sv.denoise(folder, tmp_path / f"{layer}_out", **options).files
         np.testing.assert_allclose(read(files[1])["flicker"], expected.flicker[1], atol=1e-2)
 

@@ -242,6 +242,7 @@ def add_camera_motion(frame: Frame, index: int, cameras: NDArray[np.float64]) ->
 def check_motion(source: Source) -> None:
     """Raise SolariError if the motion vectors of some frames lead the wrong way."""
     last = len(source.names) - 1
+    first_is_right = False
     for convention in source.conventions:
         step = 1 if convention.leads_to_next else -1
         # The frames that have neighbors on both sides, or the two of a short sequence.
@@ -254,7 +255,8 @@ def check_motion(source: Source) -> None:
             offsets = frame.motion if step < 0 else frame.motion_next
             if offsets is not None:
                 pairs.append((_compared(frame), _compared(source.read(index + step)), offsets))
-        check_direction(pairs, convention, source.names[0], second=convention is source.conventions[1])
+        check_direction(pairs, convention, source.names[0], second=first_is_right)
+        first_is_right = bool(pairs)
 
 
 def _compared(frame: Frame) -> Floats:
