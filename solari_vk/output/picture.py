@@ -222,17 +222,22 @@ def _channels(name: str, layer: NDArray[Any]) -> dict[str, NDArray[Any]]:
     return {f"{name}.{letters[i]}": layer[..., i] for i in range(layer.shape[2])}
 
 
-def open_on_desktop(path: Path) -> str:
-    """Open a file in the desktop's program for its kind; returns what went wrong, "" if nothing did."""
+def why_no_desktop() -> str:
+    """Why no file can be opened in a desktop's program, "" if one can."""
     if not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
         return "this session has no desktop (DISPLAY and WAYLAND_DISPLAY aren't set)"
-    command = shutil.which("xdg-open")
-    if command is None:
-        return "xdg-open is missing: install xdg-utils"
+    return "" if shutil.which("xdg-open") else "xdg-open is missing: install xdg-utils"
+
+
+def open_on_desktop(path: Path) -> str:
+    """Open a file in the desktop's program for its kind; returns what went wrong, "" if nothing did."""
+    reason = why_no_desktop()
+    if reason:
+        return reason
     # In a session of its own, so that Ctrl-C in the terminal doesn't close the program that shows the picture.
     none = subprocess.DEVNULL
     process = subprocess.Popen(
-        [command, str(path.resolve())], stdin=none, stdout=none, stderr=none, start_new_session=True
+        ["xdg-open", str(path.resolve())], stdin=none, stdout=none, stderr=none, start_new_session=True
     )
     try:
         status = process.wait(PATIENCE)

@@ -30,6 +30,7 @@ from solari_vk.output.picture import (
     open_on_desktop,
     png_bytes,
     save_image,
+    why_no_desktop,
     write_beside,
     write_codes,
 )
@@ -326,15 +327,22 @@ class RenderedFrame(Hints):
             display = importlib.import_module("IPython.display").display
             display(self)
             return
-        folder = Path(tempfile.mkdtemp(prefix="solari_vk-"))  # stays, for the program that shows the picture
+        reason = why_no_desktop() or self._show_on_desktop()
+        if reason:
+            raise SolariError(f'RenderedFrame.show: {reason}; frame.save("picture.png") writes the picture')
+
+    def _show_on_desktop(self) -> str:
+        """Returns what went wrong, "" if nothing did: then the file stays, for the program that shows it."""
+        folder = Path(tempfile.mkdtemp(prefix="solari_vk-"))
+        shown = False
         try:
             self.save(folder / "picture.png")
             reason = open_on_desktop(folder / "picture.png")
-            if reason:
-                raise SolariError(f'RenderedFrame.show: {reason}; frame.save("picture.png") writes the picture')
-        except BaseException:
-            shutil.rmtree(folder, ignore_errors=True)
-            raise
+            shown = not reason
+        finally:
+            if not shown:
+                shutil.rmtree(folder, ignore_errors=True)
+        return reason
 
     def _repr_png_(self) -> bytes:
         """The picture as notebooks show it: what `save` writes as a .png, without its warnings."""

@@ -145,6 +145,10 @@ def test_show(monkeypatch, tmp_path):
         monkeypatch.delenv(name, raising=False)
     with pytest.raises(sv.SolariError, match=r"no desktop .*; frame.save\(\"picture.png\"\) writes"):
         frame.show()
+    monkeypatch.setattr("solari_vk.renderers.results.why_no_desktop", lambda: "")
+    monkeypatch.setattr("solari_vk.renderers.results.open_on_desktop", lambda path: f"no program for {path.name}")
+    with pytest.raises(sv.SolariError, match="no program for picture"):
+        frame.show()
     assert not list(tmp_path.iterdir())
     shown = []
     monkeypatch.setattr("solari_vk.renderers.results.open_on_desktop", lambda path: shown.append(path) or "")
