@@ -110,8 +110,11 @@ class Pictures:
 
     @property
     def rendered_size(self) -> Size:
-        """Width and height of what is rendered for the picture, before it is upscaled."""
-        return self.size if self.mode == "reference" or self.realtime is None else self.realtime.render_size
+        """Width and height of a picture of as many pixels as are traced: less than the picture's with upscale."""
+        if self.mode == "reference" or self.realtime is None:
+            return self.size
+        upscale = self.realtime.settings.upscale
+        return -int(-self.size[0] // upscale), -int(-self.size[1] // upscale)
 
     @property
     def refuses(self) -> bool:
