@@ -46,7 +46,8 @@ def stage(
     `denoise_ping` and `denoise_pong` alias the memory of the previous histories, which only `denoise/reproject` reads.
     Other stages ask glsl/passes/denoise/api.glsl for the result.
     Inputs: `paths_diffuse`, `paths_specular`, `guides_*_albedo`, and the history: `denoise_*`.
-    Outputs: `denoise_diffuse`, `denoise_specular`, `denoise_alternate`; `denoise_pong` for this frame.
+    Outputs: `denoise_diffuse`, `denoise_specular`, `denoise_alternate`; for this frame `denoise_pong`,
+    `denoise_shares`, `denoise_gains`.
     """
     pixels = size[0] * size[1]
     skips = {"skips_pixels": skips_pixels}

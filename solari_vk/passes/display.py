@@ -20,9 +20,9 @@ def compose_stage(size: tuple[int, int], settings: Settings, scratch: Mapping[st
     """Linear radiance in cd/m^2: emission, the diffuse lobe and the specular lobe, their sum, and that without the
     denoiser, `raw_radiance`. scratch: for some of these the buffer whose memory they take.
 
-    Inputs: `camera_media`, `paths_diffuse`, `paths_specular`, `denoise_pong`, `denoise_guides`, `denoise_diffuse`,
-    `denoise_specular`, `gbuffer*`, `depth`, `guides_*_albedo`, `brdf_table`, `brdf_averages`, `sheen_table`,
-    `glass_table`.
+    Inputs: `camera_media`, `paths_diffuse`, `paths_specular`, `denoise_pong`, `denoise_gains`, `denoise_guides`,
+    `denoise_diffuse`, `denoise_specular`, `gbuffer*`, `depth`, `guides_*_albedo`, `brdf_table`, `brdf_averages`,
+    `sheen_table`, `glass_table`.
     Outputs: `*_radiance`, `emission`, `error`.
     """
     # Light comes demodulated: divided by the surfaces' colors, so that the denoiser blurs light and not textures.
