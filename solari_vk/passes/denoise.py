@@ -51,11 +51,8 @@ def stage(
     """
     pixels = size[0] * size[1]
     skips = {"skips_pixels": skips_pixels}
-    # Each view has cells of its own, so that no cell compares the light of two views. A view's last ones may be partly
-    # outside: -(-a // b) rounds up.
-    view_width, view_height = size[0] // grid[0], size[1] // grid[1]
-    cells = (grid[0] * -(-view_width // CELL_SIZE), grid[1] * -(-view_height // CELL_SIZE))
-    blocks = (grid[0] * -(-view_width // LIGHT_BLOCK_SIZE), grid[1] * -(-view_height // LIGHT_BLOCK_SIZE))
+    cells = _squares(size, grid, CELL_SIZE)
+    blocks = _squares(size, grid, LIGHT_BLOCK_SIZE)
     return Stage(
         "denoise",
         buffers={
@@ -80,6 +77,13 @@ def stage(
             *(Pass("denoise/blur", threads=size, constants={"level": level}) for level in range(LEVELS)),
         ],
     )
+
+
+def _squares(size: tuple[int, int], grid: tuple[int, int], width: int) -> tuple[int, int]:
+    """Columns and rows of squares of pixels of this width. Each view has squares of its own, so that none compares the
+    light of two views; its last ones may be partly outside."""
+    view_width, view_height = size[0] // grid[0], size[1] // grid[1]
+    return grid[0] * -(-view_width // width), grid[1] * -(-view_height // width)  # -(-a // b) rounds up
 
 
 def glsl_header() -> str:

@@ -25,18 +25,24 @@ GUIDES = ("guide_albedo", "guide_normal")
 LARGEST_BAND = 1 << 26  # pixels, for all the buffers of which there is memory on most devices
 
 
+def checked_size(who: str, size: Any) -> tuple[int, int]:
+    """A picture's size as two ints. Raises SolariError unless it is two whole numbers from 1 on."""
+    try:
+        width, height = (operator.index(side) for side in size)
+    except (TypeError, ValueError):
+        width = height = 0
+    if width < 1 or height < 1:
+        raise SolariError(f"{who}: size must be two whole numbers from 1 on (width, height), not {quoted(size)}")
+    return width, height
+
+
 def band_rows(device: Device, size: tuple[int, int], most: int | None = None) -> int:
     """The rows of each band of a picture but the last; all of them where the device holds the picture.
 
     most: the most pixels of a band, if that is less than what the device holds and LARGEST_BAND. Raises SolariError for
     a size that isn't two whole numbers above 0, and where not even a row fits.
     """
-    try:
-        width, height = (operator.index(n) for n in size)
-    except (TypeError, ValueError):
-        width = height = 0
-    if width < 1 or height < 1:
-        raise SolariError(f"render_large: size must be two whole numbers (width, height), not {quoted(size)}")
+    width, height = checked_size("render_large", size)
     limits = checked_device(device, "render_large").properties.limits
     pixels_of_device = int(limits.maxStorageBufferRange) // PathTracer.LARGEST_PIXEL_BYTES
     most_rows = min(pixels_of_device, LARGEST_BAND, most or pixels_of_device) // width

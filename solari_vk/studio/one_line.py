@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import operator
 import os
 import threading
 import weakref
@@ -16,6 +15,7 @@ from solari_vk.base.errors import SolariError, checked_keywords, quoted, unknown
 from solari_vk.cli.progress import Progress
 from solari_vk.gpu.device.device import Device
 from solari_vk.output import oidn
+from solari_vk.renderers.large_pictures import checked_size
 from solari_vk.renderers.path_tracer import PathTracer
 from solari_vk.renderers.renderer import Renderer
 from solari_vk.renderers.results import RenderedFrame
@@ -100,12 +100,7 @@ def _check(who: str, size: Any, camera: Any, mode: Any, modes: Sequence[str], de
     """Raise SolariError for an argument that can't be, before anything is opened."""
     if mode not in modes:
         raise unknown_name(f"{who}: there is no mode", mode, modes)
-    try:
-        width, height = (operator.index(side) for side in size)
-    except (TypeError, ValueError):
-        width = height = 0
-    if width < 1 or height < 1:
-        raise SolariError(f"{who}: size must be two whole numbers from 1 on, (width, height), not {quoted(size)}")
+    checked_size(who, size)
     if not (camera is None or isinstance(camera, Camera)):
         raise SolariError(f"{who}: camera must be a Camera, such as one of scene.cameras, not {quoted(camera)}")
     if device is not None:

@@ -21,14 +21,14 @@ layout(set = 1, scalar) buffer DenoiseBlocksBlock { BlockLight at[]; } denoise_b
 layout(set = 1, scalar) buffer DenoiseSharesBlock { vec2 at[]; } denoise_shares;
 layout(set = 1, scalar) buffer DenoiseGainsBlock { vec2 at[]; } denoise_gains;
 
-const uint RADIUS_SHARE = 128u;  // the picture's height over the radius of a neighborhood
-const int MAX_RADIUS = 4;        // in blocks, as the next two
-const float MAX_GAIN = 63.0;
+const uint HEIGHT_PER_BLOCK = 128u;  // a neighborhood's radius has a block for so many rows of the picture
+const int MAX_RADIUS = 4;            // in blocks
+const float MAX_GAIN = 63.0;         // of a block's light
 
 uvec2 block_count() { return (camera.size + LIGHT_BLOCK_SIZE - 1u) / LIGHT_BLOCK_SIZE; }
 
-// In small pictures few blocks show what is near each other.
-int spread_radius() { return clamp(int(camera.size.y / RADIUS_SHARE), 1, MAX_RADIUS); }
+// The radius of a neighborhood, in blocks. In small pictures blocks that are near each other show things far apart.
+int spread_radius() { return clamp(int(camera.size.y / HEIGHT_PER_BLOCK), 1, MAX_RADIUS); }
 
 // The weight of a block in the neighborhood of another.
 float spread_weight(ivec2 step) {
