@@ -73,6 +73,23 @@ def test_the_frame_of_a_renderer_is_listed(lent_device, capsys, kind):
         assert re.search(rf"^  radiance_mean +{12 * 32 * 24:,} bytes  buffer$", said, re.MULTILINE)
 
 
+def test_stages_of_a_file_are_listed(lent_device, tmp_path, capsys):
+    file = tmp_path / "stages.py"
+    file.write_text("import solari_vk as sv\ndef add_stages(made): made.add_stage(stage, after='reference')\n")
+    shader = tmp_path / "passes/own.comp"
+    shader.parent.mkdir()
+    shader.write_text("#version 460\nlayout(set = 1, r8) uniform image2D own;\nvoid main() {}\n")
+    own = "sv.Stage('own', images={'own': (4, 4)}, passes=[sv.Pass('own', threads=1)], glsl_root="
+    file.write_text(f"{file.read_text()}stage = {own}{str(tmp_path)!r})\n")
+    wanted = ["--reference", "--size", "16x12", "--frames", "1", "--stages"]
+    assert SHOW_FRAME["main"]([*wanted, str(file)]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[lines.index("stage own") + 1].startswith("  pass own")
+    file.write_text("")
+    assert SHOW_FRAME["main"]([*wanted, str(file)]) == 2
+    assert capsys.readouterr().err.endswith("stages.py has no function add_stages(renderer)\n")
+
+
 def test_a_wrong_scene_is_one_line(capsys):
     assert SHOW_FRAME["main"](["builtin:nowhere"]) == 2
     assert capsys.readouterr().err.startswith("show_frame: ")

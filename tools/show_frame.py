@@ -2,6 +2,7 @@
 """Prints a renderer's frame: stages, passes with what they read and write, barriers with their reasons, resources.
 
 Usage: python tools/show_frame.py [FILE.glb | builtin:NAME] [--reference] [--size 256x256] [--frames 3]
+                                  [--stages FILE.py]
 """
 
 from __future__ import annotations
@@ -9,6 +10,7 @@ from __future__ import annotations
 import argparse
 import importlib.util
 import os
+import runpy
 import sys
 import textwrap
 from collections.abc import Mapping, Sequence
@@ -67,6 +69,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--reference", action="store_true", help="the path tracer's frame, not the realtime one")
     parser.add_argument("--size", type=size, default=(256, 256), metavar="WxH", help="pixels (256x256)")
     parser.add_argument("--frames", type=int, default=3, help="frames to render before (3)")
+    parser.add_argument(
+        "--stages", metavar="FILE.py", help="a file whose function add_stages(renderer) adds stages of your own"
+    )
     options = parser.parse_args(arguments)
     try:
         name = options.scene.removeprefix("builtin:")
@@ -74,6 +79,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
         camera = scene.camera_for(options.size[0] / options.size[1])
         kind = sv.PathTracer if options.reference else sv.Renderer
         with sv.Device() as device, kind(device, scene, options.size) as renderer:
+            if options.stages:
+                functions = runpy.run_path(options.stages)
+                if "add_stages" not in functions:
+                    raise sv.SolariError(f"{options.stages} has no function add_stages(renderer)")
+                functions["add_stages"](renderer)
             for count in range(1, options.frames + 1):
                 # The path tracer is told how many samples the picture has after a call, so that each takes one more.
                 renderer.render(camera, **({"samples": count} if options.reference else {}))

@@ -23,7 +23,7 @@ from solari_vk.passes.first_hits import FIRST_HITS
 from solari_vk.passes.reference import MAX_SAMPLES
 from solari_vk.renderers.dispatch_size import DispatchSize
 from solari_vk.renderers.motion_blur import CallbackCameras, PoseCallback, checked_pose, pose_after_error
-from solari_vk.renderers.renderer_base import RendererBase
+from solari_vk.renderers.renderer_base import RendererBase, by_pixel
 from solari_vk.renderers.results import RenderedFrame
 from solari_vk.renderers.sample_counts import SampleCounts, check_target
 from solari_vk.renderers.scene_frame import SceneFrame
@@ -81,7 +81,7 @@ class PathTracer(RendererBase):
             properties = device.properties
             max_paths = reference.max_paths(properties.kind, properties.limits.maxStorageBufferRange)
             self._dispatch = DispatchSize(self.size, max_paths)
-            stages = self._stages(self.size)
+            stages = self._all_stages(self.size)
             self._frame = self._owned.enter_context(SceneFrame(device, self.binder, stages, external=self._inputs()))
             self._sample_counts = SampleCounts(self._frame, self.size, self.read)
             self._begin_picture()
@@ -108,13 +108,17 @@ class PathTracer(RendererBase):
         before = self._dispatch
         self._dispatch = DispatchSize(size, before.max_paths, self._frame.frame_count, before.pixel_ms)
         try:
-            self._frame.rebuild(self._stages(size))
+            self._frame.rebuild(self._all_stages(size))
         except BaseException:
             self._dispatch = before
             raise
         # Nothing may have changed if the device has no memory for this size, so all else follows the rebuild.
         self._size = size
         self._sample_counts = SampleCounts(self._frame, size, self.read)
+        self.reset()
+
+    def _rebuild(self) -> None:
+        self._frame.rebuild(self._all_stages(self.size))
         self.reset()
 
     @property
@@ -296,7 +300,7 @@ class PathTracer(RendererBase):
         if self.unfinished_bands[0] or self._sample_counts.is_uneven:
             return
         if self._dispatch.adapt(self._frame):
-            self._frame.rebuild(self._stages(self.size))
+            self._frame.rebuild(self._all_stages(self.size))
 
     # ---- pictures with a shutter ----------------------------------------------------------------------
 
@@ -382,16 +386,17 @@ class PathTracer(RendererBase):
         if name == "variance":
             return reference.read_variance(self._frame, self.sample_counts)
         if name not in self._frame:
-            raise unknown_name("PathTracer: there is no result", name, self.OUTPUTS)
-        return self._frame[name]
+            raise unknown_name("PathTracer: there is no result", name, self.outputs)
+        return by_pixel(self._frame[name], [self.size])
 
     def tensor(self, name: str) -> NDArray[Any] | CudaTensor:
         if (name == "radiance" and self._sample_counts.denoises) or name == "variance":
             raise SolariError(f"PathTracer: '{name}' is made on the host: there is no tensor of it on the device")
-        if name not in ("radiance", "raw_radiance"):
-            raise unknown_name("PathTracer: there is no tensor", name, ("radiance", "raw_radiance"))
-        width, height = self.size
-        return self._frame.tensor("radiance_mean").reshape(height, width, 3)
+        known = ("radiance", "raw_radiance", *self._own_stages.outputs(self._frame))
+        if name not in known:
+            raise unknown_name("PathTracer: there is no tensor", name, known)
+        resource = "radiance_mean" if name in ("radiance", "raw_radiance") else name
+        return by_pixel(self._frame.tensor(resource), [self.size])
 
     def read_guides(self) -> list[NDArray[Any]]:
         """What OIDN is guided by: means of the albedo and of the shading normal, (height, width, 3) each."""

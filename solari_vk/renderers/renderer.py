@@ -100,8 +100,6 @@ class Renderer(RendererBase):
         super().__init__(device, scene, size)
         self._owned.callback(self.binder.keep_previous_tlas, self, False)
         try:
-            self.view = PICTURE
-            self.tonemap = "agx"
             self.frame_count = 0
             self.frame_time = FrameBudget()
             self._callback_cameras = CallbackCameras()
@@ -112,7 +110,7 @@ class Renderer(RendererBase):
             self._light_translation = self._owned.enter_context(closing(IndexTranslation(device)))
             self._changed_lights = RecentChanges()
             self._edits = RecentEdits()
-            frame = SceneFrame(device, self.binder, self._stages(self.size), external=self._inputs())
+            frame = SceneFrame(device, self.binder, self._all_stages(self.size), external=self._inputs())
             self._frame = self._owned.enter_context(frame)
             self._camera_uniforms = CameraUniforms(self._frame.uniforms, self.binder.origin)
             self._this_frame = self._frame.uniforms.writer("this_frame", THIS_FRAME)
@@ -223,6 +221,9 @@ class Renderer(RendererBase):
             stages, self.counted_passes = display.count_rays(stages)
         return stages
 
+    def _picture_sizes(self, size: tuple[int, int]) -> tuple[tuple[int, int], ...]:
+        return size, taa.render_size(size, self.settings)
+
     def _inputs(self) -> dict[str, Any]:
         """What the stages' shaders are given beside the scene, by name."""
         return self._lookup_tables | self._light_translation.buffers
@@ -236,7 +237,7 @@ class Renderer(RendererBase):
             self.settings,
             self.settings.revision,
             self.binder.bindings_version,
-            self._debug_view,
+            self._view,
             self._tonemap,
             self._needs_traced_camera,
             self._frame.uniforms.version,
@@ -260,7 +261,8 @@ class Renderer(RendererBase):
         """What `_stages` depends on and may change from frame to frame."""
         features = self.binder.features
         has = bool(LOBES & features), ABSORPTION in features, self.count_rays
-        return self.size, self.binder.instance_capacity, self.settings.rebuild_key, *has, self.gbuffer, self.render_size
+        sizes = self.size, self.binder.instance_capacity, self.settings.rebuild_key
+        return *sizes, *has, self.gbuffer, self.render_size, self._own_stages
 
     def _remember_build(self) -> None:
         self._built = self._build_key()
@@ -277,20 +279,24 @@ class Renderer(RendererBase):
         # Read before the rebuild, which makes these buffers anew.
         cache_bytes = self._frame.memory.get("world_cache_life")
         rendered = self._built_render_size
-        self._frame.rebuild(self._stages(self.size))
+        self._frame.rebuild(self._all_stages(self.size))
         self._remember_build()
         if self._built_render_size != rendered:
             self.reset()  # histories have another size
         # The new lighting may lack the view, and an error in the middle of a frame would help nobody.
-        if self.view not in views_of(self.settings.lighting):
-            self.view = PICTURE
+        self.view = self._view if self._view in self.known_views else PICTURE
+        if self._built != self._build_key():  # the shown output of the user's has another size
+            self._rebuild()
         if self._frame.memory.get("world_cache_life") != cache_bytes:
             self.reset()  # the previous frame's reservoirs name cells of the old map
         if saved_rows is not None:
             upload_rows(self._frame.resource(gbuffer.PREVIOUS_INSTANCES), saved_rows, self._world_count)
 
     def _write_settings(self) -> None:
-        display = {"display_settings.debug_view": self._debug_view, "display_settings.tonemap": self._tonemap}
+        # The user's own outputs have no number: their pass draws over what debug views draw.
+        shown = tuple(DEBUG_VIEWS).index(self._view) if self._view in DEBUG_VIEWS else len(DEBUG_VIEWS)
+        tonemap = TONEMAPS.index(self._tonemap)
+        display = {"display_settings.debug_view": shown, "display_settings.tonemap": tonemap}
         self._frame.uniforms.update_declared(uniform_values(self.settings) | display)
 
     def _write_uniforms(self, camera: Camera, shutter: ShutterUniforms | None) -> Projection:
@@ -345,32 +351,19 @@ class Renderer(RendererBase):
     def seed(self, seed: int) -> None:
         self._seed = checked_seed(seed)
 
-    @property
-    def view(self) -> str:
-        """What `display` shows from the next frame on: "picture" or a debug view (`solari-vk views` lists them).
-
-        Some views need one of the values of the setting `lighting`. It is "picture" again after a change to another.
-        """
-        return tuple(DEBUG_VIEWS)[self._debug_view]
-
-    @view.setter
-    def view(self, name: str) -> None:
-        try:
+    def _check_view(self, name: str) -> None:
+        if not is_name(name, self._own_views):
             check_view(name, self.settings.lighting)
-        except SolariError as error:
-            raise SolariError(f"Renderer: {error}") from None
-        self._debug_view = tuple(DEBUG_VIEWS).index(name)
 
     @property
-    def tonemap(self) -> str:
-        """The curve of `display`: "none", "reinhard", "aces" or "agx"; from the next frame on."""
-        return TONEMAPS[self._tonemap]
+    def known_views(self) -> dict[str, str]:
+        return {name: DEBUG_VIEWS[name] for name in views_of(self.settings.lighting)} | super().known_views
 
-    @tonemap.setter
-    def tonemap(self, name: str) -> None:
-        if not is_name(name, TONEMAPS):
-            raise unknown_name("Renderer: there is no tone mapping", name, TONEMAPS)
-        self._tonemap = TONEMAPS.index(name)
+    @property
+    def _own_views(self) -> dict[str, str]:
+        if not self._own_stages.added:
+            return {}
+        return self._own_stages.views(self._frame, (self._built[0], self._built_render_size))
 
     def resize(self, size: tuple[int, int]) -> None:
         self._size = self._checked_size(size)
@@ -396,7 +389,7 @@ class Renderer(RendererBase):
     @property
     def outputs(self) -> tuple[str, ...]:
         """The names in OUTPUTS that the frame has with its settings."""
-        return tuple(name for name in self.OUTPUTS if name in FIRST_HITS or self._has(name))
+        return tuple(name for name in super().outputs if name in FIRST_HITS or self._has(name))
 
     def _has(self, resource: str) -> bool:
         """Whether the latest frame computed a resource."""

@@ -11,18 +11,31 @@ from typing import Any, ClassVar, Self, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from solari_vk.base.errors import Hints, SolariError, quoted, unknown_attribute, warn
+from solari_vk.base.errors import (
+    Hints,
+    SolariError,
+    checked_keywords,
+    is_name,
+    quoted,
+    unknown_attribute,
+    unknown_name,
+    warn,
+)
 from solari_vk.bound.binder import SceneBinder
 from solari_vk.bound.features import LENSES
 from solari_vk.bound.projection import Projection
 from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.frame.frame import Frame, Row, Stage
+from solari_vk.gpu.frame.uniforms import Uniforms
 from solari_vk.gpu.tensors.exports import CudaTensor
-from solari_vk.output.tone_mapping import auto_exposure
+from solari_vk.output.tone_mapping import TONEMAPS, auto_exposure
 from solari_vk.output.transparency import backdrop, premultiplied
 from solari_vk.passes import brdf_table, paths
+from solari_vk.passes.debug_views import DEBUG_VIEWS, PICTURE
+from solari_vk.passes.first_hits import FIRST_HITS
 from solari_vk.renderers.back_sides import BackSides
 from solari_vk.renderers.first_hit_reader import FirstHitReader
+from solari_vk.renderers.own_stages import AnyStage, OwnStages
 from solari_vk.renderers.results import RenderedFrame
 from solari_vk.renderers.scene_frame import SceneFrame, bind_scene, checked_device
 from solari_vk.scene.model import Camera, Instance, Scene
@@ -54,10 +67,9 @@ class RendererBase(Hints):
     LARGEST_PIXEL_BYTES: ClassVar[int]  # the largest size of a pixel in any one buffer
     APART_PIXEL_BYTES: ClassVar[int] = 0  # the same where the rays of paths are traced apart, if that is more
     IN_IMAGES: ClassVar[bool]  # whether results are in images, whose sides the device limits
-    view: str = "picture"
-    tonemap: str = "agx"
-    """The tone curve of saved pictures: "none", "reinhard", "aces" or "agx"."""
     _frame: SceneFrame
+    _view = PICTURE
+    _tonemap = "agx"
     _latest: RenderedFrame | None = None
     _motion: tuple[Projection, Projection] | None = None  # realtime: of the latest two frames, without a shutter
     _closed = False
@@ -68,6 +80,7 @@ class RendererBase(Hints):
     def __init__(self, device: Device, scene: Scene | SceneBinder, size: tuple[int, int]) -> None:
         self.device = checked_device(device, type(self).__name__)
         self._size = self._checked_size(size)
+        self._own_stages = OwnStages(type(self).__name__)
         self._owned = ExitStack()
         self.binder = bind_scene(device, scene, type(self).__name__, self._owned, many=self.TAKES_LISTS)
         try:
@@ -94,7 +107,19 @@ class RendererBase(Hints):
 
     @abstractmethod
     def _stages(self, size: tuple[int, int]) -> list[Stage]:
-        """The stages of a frame, in order."""
+        """The renderer's stages of a frame, in order."""
+
+    def _all_stages(self, size: tuple[int, int]) -> list[Stage]:
+        """The stages of a frame, with the user's own."""
+        return self._own_stages.inserted(self._stages(size), self._picture_sizes(size))
+
+    def _picture_sizes(self, size: tuple[int, int]) -> tuple[tuple[int, int], ...]:
+        """The sizes of a frame's pictures, of which the first is the result's."""
+        return (size,)
+
+    @abstractmethod
+    def _rebuild(self) -> None:
+        """Rebuild the frame."""
 
     @property
     def gbuffer(self) -> str:
@@ -104,7 +129,7 @@ class RendererBase(Hints):
     @property
     def outputs(self) -> tuple[str, ...]:
         """The names of the results that the frame has."""
-        return self.OUTPUTS
+        return (*self.OUTPUTS, *self._own_stages.outputs(self._frame))
 
     @property
     def size(self) -> tuple[int, int]:
@@ -162,6 +187,86 @@ class RendererBase(Hints):
     def stages(self) -> list[Stage]:
         """The frame's stages, in order."""
         return self._frame.stages
+
+    @checked_keywords()
+    def add_stage(self, stage: AnyStage, *, after: str) -> None:
+        """Add a stage of your own to the frame, which runs in every frame from now on.
+
+        stage: a Stage whose shaders are below its `glsl_root`, or a function that makes one for the picture's (width,
+        height) and is called again when that changes. after: the name of the stage that it follows, of `stages`. Its
+        shaders read and write the frame's resources by their names; the buffers and images that it declares are results
+        of the frame. Raises SolariError for a name that is taken or missing, and a CompilationError; the frame then
+        stays as it was. The path tracer's picture begins anew. Source: docs/guides/passes.md.
+        """
+        taken = {*self.OUTPUTS, *FIRST_HITS, "picture", "image"}
+        sizes = self._picture_sizes(self.size)
+        self._change_stages(self._own_stages.plus(stage, after, self._frame, sizes, taken))
+
+    @checked_keywords()
+    def remove_stage(self, name: str) -> None:
+        """Remove a stage of your own. Raises SolariError for any other name; the frame then stays as it was."""
+        self._change_stages(self._own_stages.without(name))
+
+    def _change_stages(self, changed: OwnStages) -> None:
+        self._frame.check_open()
+        before = self._own_stages
+        self._own_stages = changed
+        try:
+            self._rebuild()
+        except BaseException:
+            self._own_stages = before
+            raise
+
+    @property
+    def view(self) -> str:
+        """What `display` shows from the next frame on: "picture", a debug view (`solari-vk views` lists them), or an
+        output of a stage of your own; the path tracer has "picture" alone.
+
+        Some views need one of the values of the setting `lighting`. It is "picture" again after a change to another.
+        """
+        return self._view
+
+    @view.setter
+    def view(self, name: str) -> None:
+        try:
+            self._check_view(name)
+        except SolariError as error:
+            raise SolariError(f"{type(self).__name__}: {error}") from None
+        self._own_stages = self._own_stages.showing(self._own_views.get(name, ""))
+        self._view = name
+
+    def _check_view(self, name: str) -> None:
+        """Raise SolariError for what `view` can't be."""
+        if not is_name(name, self.known_views):
+            raise unknown_name("there is no view", name, self.known_views)
+
+    @property
+    def known_views(self) -> dict[str, str]:
+        """The names that `view` takes, with what each shows."""
+        return {PICTURE: DEBUG_VIEWS[PICTURE]} | dict.fromkeys(self._own_views, "An output of a stage of your own.")
+
+    @property
+    def _own_views(self) -> dict[str, str]:
+        """The outputs of the user's stages that can be shown, each with its header: see `OwnStages.views`."""
+        return {}
+
+    @property
+    def tonemap(self) -> str:
+        """The tone curve of `display` and of saved pictures, from the next frame on: "none", "reinhard", "aces" or
+        "agx"."""
+        return self._tonemap
+
+    @tonemap.setter
+    def tonemap(self, name: str) -> None:
+        if not is_name(name, TONEMAPS):
+            raise unknown_name(f"{type(self).__name__}: there is no tone mapping", name, TONEMAPS)
+        self._tonemap = name
+
+    @property
+    def uniforms(self) -> Uniforms:
+        """The uniform blocks of the frame's shaders. Those of stages of your own keep what you assign; the others are
+        written before each frame."""
+        return self._frame.uniforms
 
     def describe(self) -> list[Row]:
         """The frame's passes: what they read and write, the barriers before them and why, and their GPU times."""

@@ -186,7 +186,7 @@ class ProgramBuilder:
 
         features: as `Frame` has them.
         """
-        items = [item for stage in stages for item in stage.passes]
+        items = [(item, stage.glsl_root) for stage in stages for item in stage.passes]
         if not items:
             raise SolariError("a frame needs at least one pass")
         # Modules, interface, pipelines, steps: each needs the one before, and each reuses what is unchanged.
@@ -200,7 +200,7 @@ class ProgramBuilder:
             interface = Interface(self._device, list(modules.values()), shared_layout(self._device, merged))
         program = Program(interface, [], dict(modules), set())
         try:
-            named = _named(items)
+            named = _named([item for item, _ in items])
             wanted = {
                 name: self._pipeline_info(name, item, parts, program, features)
                 for (name, item), parts in zip(named.items(), shaders, strict=True)
@@ -231,7 +231,7 @@ class ProgramBuilder:
         constants = {**item.constants, **dict.fromkeys(sorted(known & (features or frozenset())), True)}
         robust = self._robust
         if robust is None:
-            robust = any(has_own(self._root, path) for path, _ in shaders.keys)
+            robust = any(has_own(key.folders, key.path) for key in shaders.keys)
         return PipelineInfo(name, modules, constants, kind, robust)
 
     def _step(self, item: Pass | Draw, info: PipelineInfo, pipeline: Pipeline) -> BuiltStep:

@@ -11,6 +11,7 @@ from solari_vk.base.errors import SolariError, checked_constructor, quoted
 
 if TYPE_CHECKING:
     from solari_vk.gpu.device import raw
+    from solari_vk.gpu.shaders.compiler import Roots
 
 Size = tuple[int, int]
 
@@ -154,10 +155,12 @@ class Stage:
     """A part of the frame: the element counts of its buffers, the sizes of its images, and its passes in order.
 
     A buffer's count is the length of its block's runtime array, 1 for a block without one. The shaders declare element
-    types and image formats, except the format of a Draw's depth. All resources start as zeros.
+    types and image formats, except the format of a Draw's depth. All resources start as zeros. `glsl_root`: one or
+    several folders that hold passes/ and are searched before the frame's, for shaders of this stage.
     """
 
     name: str
     buffers: Mapping[str, int | History | IfUsed | Aliased] = field(default_factory=dict)
     images: Mapping[str, Size | History | IfUsed] = field(default_factory=dict)
     passes: Sequence[Pass | Draw | Step] = ()
+    glsl_root: Roots | None = None

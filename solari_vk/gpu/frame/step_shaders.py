@@ -6,6 +6,7 @@ import os
 from collections.abc import Collection, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from typing import NamedTuple
 
 from solari_vk.base.errors import SolariError
 from solari_vk.gpu.device.compiling import announced
@@ -13,12 +14,18 @@ from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.device.rays import IN_WORDS
 from solari_vk.gpu.frame.ray_pipelines import RayGroups
 from solari_vk.gpu.frame.stages import Draw, HitGroup, Pass, RayPass, Step
-from solari_vk.gpu.shaders.compiler import COMMON_FEATURES, Roots, compile_shader, roots
+from solari_vk.gpu.shaders.compiler import COMMON_FEATURES, Roots, compile_shader, folders, roots
 from solari_vk.gpu.shaders.shader_cache import Sources
 from solari_vk.gpu.shaders.spirv import Module, reflect
 
-ModuleKey = tuple[str, str]
-"""The path and the header of a shader."""
+
+class ModuleKey(NamedTuple):
+    """A shader: its path, its header, and the folders that are searched for it and its includes first."""
+
+    path: str
+    header: str
+    folders: tuple[str, ...]
+
 
 # What the rays of all passes run that trace by scene/trace.glsl; with this feature they ask about hits.
 _MISS, _HIT = "scene/trace.rmiss", HitGroup("scene/trace.rchit")
@@ -44,13 +51,16 @@ class Modules(dict[ModuleKey, Module]):
         self._hit = _ALPHA_HIT if _ALPHA in (features or ()) else _HIT
         self._features = features is None or not COMMON_FEATURES.issuperset(features)
         self._ray_pipelines = device.rays == "pipeline"
-        self._sources = Sources(roots(root))
+        self._root = folders(root)
+        self._sources: dict[tuple[str, ...], Sources] = {}
         self._old = old
 
-    def add(self, items: Sequence[Pass | Draw | Step]) -> list[StepShaders]:
-        """Compile the shaders of steps. Raises CompilationError, or SolariError for one that the device can't run."""
-        self._compile(dict.fromkeys(key for item in items for key in _entry_points(item)))
-        found = [self._shaders(item) for item in items]
+    def add(self, items: Sequence[tuple[Pass | Draw | Step, Roots | None]]) -> list[StepShaders]:
+        """Compile the shaders of steps, each with its stage's folders. Raises CompilationError, or SolariError for one
+        that the device can't run."""
+        placed = [(item, (*folders(root), *self._root)) for item, root in items]
+        self._compile(dict.fromkeys(key for item, where in placed for key in _entry_points(item, where)))
+        found = [self._shaders(item, where) for item, where in placed]
         self._compile(dict.fromkeys(key for shaders in found for key in shaders.keys if key not in self))
         return found
 
@@ -58,28 +68,29 @@ class Modules(dict[ModuleKey, Module]):
         """Compiling a shader that isn't cached takes up to a second, so threads do it."""
         with ThreadPoolExecutor(os.cpu_count()) as threads:
             waiting = [threads.submit(self._spirv, key) for key in keys]
-            names = [path for path, _ in keys]
+            names = [key.path for key in keys]
             with announced(self._device.on_compile, "shaders", names, waiting) as items:
                 # Waited for in the order of the list, so that the first error is always that of the first shader.
                 compiled = [made.result() for made in items]
         for key, spirv in zip(keys, compiled, strict=True):
             # Reflection takes longer than the comparison of bytes, so what is unchanged is reused.
             known = self._old.get(key)
-            self[key] = known if known and known.spirv == spirv else reflect(spirv, key[0])
+            self[key] = known if known and known.spirv == spirv else reflect(spirv, key.path)
 
     def _spirv(self, key: ModuleKey) -> bytes:
+        sources = self._sources.setdefault(key.folders, Sources(roots(key.folders)))
         return compile_shader(
-            key[0],
-            header=key[1],
-            root=self._sources,
+            key.path,
+            header=key.header,
+            root=sources,
             rays=self._device.rays,
             features=self._features,
             lacking=self._device.lacking,
         )
 
-    def _shaders(self, item: Pass | Draw | Step) -> StepShaders:
+    def _shaders(self, item: Pass | Draw | Step, where: tuple[str, ...]) -> StepShaders:
         """The shaders of a step whose entry points are compiled: these tell which passes trace by a ray pipeline."""
-        keys = _entry_points(item)
+        keys = _entry_points(item, where)
         if isinstance(item, RayPass):
             if not self._ray_pipelines:
                 raise SolariError(
@@ -93,12 +104,12 @@ class Modules(dict[ModuleKey, Module]):
         return StepShaders(keys)
 
 
-def _entry_points(item: Pass | Draw | Step) -> list[ModuleKey]:
+def _entry_points(item: Pass | Draw | Step, where: tuple[str, ...]) -> list[ModuleKey]:
     """The shaders that a step names. Those of hits and misses follow."""
     if isinstance(item, Step):
         return []
     suffixes = ["vert", "frag"] if isinstance(item, Draw) else ["rgen" if isinstance(item, RayPass) else "comp"]
-    return [(f"passes/{item.name}.{suffix}", item.header) for suffix in suffixes]
+    return [ModuleKey(f"passes/{item.name}.{suffix}", item.header, where) for suffix in suffixes]
 
 
 def _ray_shaders(
@@ -115,4 +126,5 @@ def _ray_shaders(
         tuple(number[path] for path in misses),
         tuple((number.get(h.closest_hit), number.get(h.any_hit), number.get(h.intersection)) for h in hits),
     )
-    return StepShaders([*ray_generation, *((path, header) for path in number)], groups)
+    where = ray_generation[0].folders
+    return StepShaders([*ray_generation, *(ModuleKey(path, header, where) for path in number)], groups)

@@ -58,16 +58,20 @@ def glsl_root() -> Path:
     return installed if installed.is_dir() else Path(__file__).resolve().parents[3] / "glsl"
 
 
-def roots(folders: Roots | None = None) -> list[Path]:
+def folders(given: Roots | None) -> tuple[str, ...]:
+    """One folder or several as a tuple."""
+    listed = [given] if isinstance(given, (str, os.PathLike)) else list(given or ())
+    return tuple(os.fspath(folder) for folder in listed)
+
+
+def roots(given: Roots | None = None) -> list[Path]:
     """The folders in which a shader is looked up, in this order: these folders, the overlays, the package's."""
-    listed = [folders] if isinstance(folders, (str, os.PathLike)) else list(folders or ())
-    return list(dict.fromkeys([*map(Path, listed), *overlays, glsl_root()]))
+    return list(dict.fromkeys([*map(Path, folders(given)), *overlays, glsl_root()]))
 
 
-def has_own(folders: Roots | None, path: str) -> bool:
+def has_own(given: Roots | None, path: str) -> bool:
     """Whether a shader is in one of these folders, and so the user's and not the package's."""
-    listed = [folders] if isinstance(folders, (str, os.PathLike)) else list(folders or ())
-    return any(os.path.isfile(Path(folder, path)) for folder in listed)
+    return any(os.path.isfile(Path(folder, path)) for folder in folders(given))
 
 
 def set_include_paths(paths: Sequence[str | os.PathLike[str]]) -> None:
@@ -182,7 +186,7 @@ MANY_VIEWS = "#define MANY_VIEWS"  # the header of shaders for many views: glsl/
 _VIEWS = "passes/views.glsl"
 # What draws, looks at or measures one picture, and the layout, which is read as it is for one view.
 _FOR_ONE_VIEW = re.compile(
-    r"passes/(solari019/|gbuffer/(cull|depth_pyramid|resolve)|reference/(illuminance|raster_aov)|display/debug_view|"
+    r"passes/(solari019/|gbuffer/(cull|depth_pyramid|resolve)|reference/(illuminance|raster_aov)|display/(debug|own)_view|"
     r"layout\.comp)"
 )
 
@@ -277,14 +281,14 @@ def _module(sources: Sources, path: str, header: str, defines: Sequence[str]) ->
     return spirv
 
 
-def _compile(folders: Sequence[Path], file: Path, header: str, defines: Sequence[str], optimization: str) -> bytes:
+def _compile(search: Sequence[Path], file: Path, header: str, defines: Sequence[str], optimization: str) -> bytes:
     source, stage = read_regular(file, f"{file}").decode("utf-8", "replace"), file.suffix.lstrip(".")
     # Ray generation shaders have no local size.
     if ray_generation.DEFINE in defines:
         source = ray_generation.without_local_size(source)
         stage = "rgen"
     source = _with_header(source, header, file, "".join(f"#define {name}\n" for name in defines))
-    arguments = source.encode(), stage, os.fspath(file), list(map(os.fspath, folders))
+    arguments = source.encode(), stage, os.fspath(file), list(map(os.fspath, search))
     spirv = _compile_text(*arguments, optimization=optimization)
     return spirv if _EMPTY_MAIN.search(source) else dead_code.without_dead_code(spirv)
 

@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from solari_vk.base.errors import SolariError
 from solari_vk.output.tone_mapping import TONEMAPS
-from solari_vk.passes.debug_views import DEBUG_VIEWS, views_of
 from solari_vk.scene.matrices import transform_points
 from solari_vk.scene.model import Instance
 from solari_vk.studio.viewer import markers
@@ -86,8 +85,9 @@ class Actions(EditActions):
         if pictures.mode == "reference":
             self._session.say("debug views are of realtime pictures alone: M changes the mode")
             return
-        view = pictures.view = _next(views_of(self._session.settings.lighting), pictures.view, step)
-        self._session.say(f"{view}: {DEBUG_VIEWS[view]}")
+        known = pictures.known_views
+        view = pictures.view = _next(tuple(known), pictures.view, step)
+        self._session.say(f"{view}: {known[view]}")
 
     def previous_view(self) -> None:
         self.next_view(-1)

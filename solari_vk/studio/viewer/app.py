@@ -16,6 +16,8 @@ from numpy.typing import NDArray
 from solari_vk.base.errors import SolariError, ValidationError, checked_keywords, quoted
 from solari_vk.gpu.device import raw
 from solari_vk.gpu.device.device import Device
+from solari_vk.gpu.shaders.compiler import folders
+from solari_vk.renderers.own_stages import AnyStage
 from solari_vk.scene.model import Camera, Scene
 from solari_vk.settings import Settings
 from solari_vk.studio.viewer.actions import act
@@ -131,6 +133,13 @@ class Viewer(Session):
         self._panels_at = self._last_frame_at  # when they were shown last while a frame was rendered
         self._seen_at = -math.inf  # when the distance of what is seen was read last
         self._timed_mode = mode
+
+    def add_stage(self, stage: AnyStage, *, after: str) -> None:
+        """Add a stage of your own to realtime frames, as `Renderer.add_stage` does: its outputs are among the views,
+        and its shaders are compiled anew when they change."""
+        self.pictures.add_stage(stage, after)
+        made = stage(self.window.pixels) if callable(stage) else stage
+        self.sources.watch(folders(made.glsl_root))
 
     def _open_overlay(self) -> Any:
         try:

@@ -11,7 +11,6 @@ import numpy as np
 from imgui_bundle import imgui
 
 from solari_vk.output.tone_mapping import TONEMAPS
-from solari_vk.passes.debug_views import DEBUG_VIEWS, views_of
 from solari_vk.settings import DEFAULTS, FIELDS, QUALITIES
 from solari_vk.studio.viewer.actions import act
 from solari_vk.studio.viewer.comparison import errors
@@ -69,9 +68,10 @@ class Panels:
         session = self._session
         pictures = self._session.pictures
         pictures.mode = choose("mode", pictures.mode, MODES)
-        pictures.view = choose("view", pictures.view, views_of(session.settings.lighting))
+        known = pictures.known_views
+        pictures.view = choose("view", pictures.view, tuple(known))
         limited = ", of realtime pictures alone" if pictures.mode == "reference" else ""
-        hint(DEBUG_VIEWS[pictures.view] + limited)
+        hint(known[pictures.view] + limited)
         pictures.tonemap = choose("tone mapping", pictures.tonemap, TONEMAPS)
         camera = session.camera
         changed, value = imgui.slider_float("EV100", camera.ev100, -10, 20)

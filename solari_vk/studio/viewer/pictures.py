@@ -16,6 +16,7 @@ from solari_vk.gpu.device.image import Image
 from solari_vk.output.tone_mapping import TONEMAPS
 from solari_vk.passes.debug_views import DEBUG_VIEWS, PICTURE, views_of
 from solari_vk.passes.reference import MAX_SAMPLES
+from solari_vk.renderers.own_stages import AnyStage
 from solari_vk.renderers.path_tracer import PathTracer
 from solari_vk.renderers.renderer import Renderer
 from solari_vk.scene.model import Camera, Scene
@@ -75,6 +76,8 @@ class Pictures:
         """The camera of the latest frame, None after a frame that failed."""
         self.is_short = True
         """Whether the latest frame took no more samples than it had to: its time then depends on its size alone."""
+        self.own_stages: list[tuple[AnyStage, str]] = []
+        """What `Renderer.add_stage` is given when the realtime renderer is made: the stage, and after which it runs."""
         self.realtime: Renderer | None = None
         self.reference: ReferencePicture | None = None
         self._raw: ToneMapped | None = None  # the realtime picture without denoising
@@ -92,6 +95,19 @@ class Pictures:
     @view.setter
     def view(self, name: str) -> None:
         self._view = name
+
+    @property
+    def known_views(self) -> dict[str, str]:
+        """The names that `view` takes with the settings, with what each shows."""
+        known = {name: DEBUG_VIEWS[name] for name in views_of(self.settings.lighting)}
+        made = {} if self.realtime is None else self.realtime.known_views
+        return known | {name: meaning for name, meaning in made.items() if name not in DEBUG_VIEWS}
+
+    def add_stage(self, stage: AnyStage, after: str) -> None:
+        """Add a stage of the user's to the realtime renderer's frame, as `Renderer.add_stage` does."""
+        if self.realtime is not None:
+            self.realtime.add_stage(stage, after=after)
+        self.own_stages.append((stage, after))
 
     @property
     def mode(self) -> str:
@@ -158,7 +174,7 @@ class Pictures:
         self.camera = dataclasses.replace(camera)
 
     def _check_choices(self) -> None:
-        if self.view not in DEBUG_VIEWS or self.tonemap not in TONEMAPS:
+        if self.view not in self.known_views or self.tonemap not in TONEMAPS:
             raise SolariError(f"the viewer has no view {quoted(self.view)} or no tone mapping {quoted(self.tonemap)}")
 
     def _has_moved(self, camera: Camera) -> bool:
@@ -228,6 +244,12 @@ class Pictures:
             made = Renderer(
                 self.device, self.binder, build.realtime, settings, seed=self.seed, count_rays=build.counts_rays
             )
+            try:
+                for stage, after in self.own_stages:
+                    made.add_stage(stage, after=after)
+            except BaseException:
+                made.close()
+                raise
             if self.realtime is not None:
                 self.realtime.close()
             self.realtime = made

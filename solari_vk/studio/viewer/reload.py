@@ -26,6 +26,7 @@ class Sources:
         self.scene = scene
         self.load = load
         self._file = file
+        self._roots = [glsl_root()]
         self._shaders = self._shader_stamps()
         self._files = self._file_stamps()
         self._next_look = time.monotonic() + INTERVAL
@@ -39,6 +40,11 @@ class Sources:
         before = self._shaders, self._files
         self._shaders, self._files = self._shader_stamps(), self._file_stamps()
         return self._shaders != before[0], self._files != before[1]
+
+    def watch(self, folders: Iterable[str]) -> None:
+        """Watch the shaders of further folders."""
+        self._roots += map(Path, folders)
+        self._shaders = self._shader_stamps()
 
     def load_again(self) -> bool:
         """Replace everything in the scene by what the file holds now. Returns False for a scene without a file.
@@ -78,7 +84,7 @@ class Sources:
         self.scene.backdrop = loaded.backdrop
 
     def _shader_stamps(self) -> Stamps:
-        return _stamps(path for path in glsl_root().rglob("*") if path.suffix in SHADERS)
+        return _stamps(path for root in self._roots for path in root.rglob("*") if path.suffix in SHADERS)
 
     def _file_stamps(self) -> Stamps:
         return {} if self._file is None or self.load is None else _stamps([self._file, *_named_by(self._file)])

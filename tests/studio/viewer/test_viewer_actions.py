@@ -244,6 +244,36 @@ def test_the_old_renderer_stays_if_one_that_counts_rays_fails(device, monkeypatc
     shown.close()
 
 
+def test_outputs_of_the_users_stages_are_views(open_viewer, tmp_path):
+    """They are after the debug views, in the renderer that counts rays too."""
+    (tmp_path / "passes").mkdir()
+    shader = tmp_path / "passes/ones.comp"
+    text = "#version 460\nlayout(set = 1, r8) uniform image2D ones;\nlayout(local_size_x = 8, local_size_y = 8) in;\n"
+    shader.write_text(text + "void main() { imageStore(ones, ivec2(gl_GlobalInvocationID.xy), vec4(1.0)); }\n")
+
+    def ones(size):
+        return sv.Stage("ones", images={"ones": size}, passes=[sv.Pass("ones", threads=size)], glsl_root=tmp_path)
+
+    viewer = open_viewer(**FLAT, scale=0.25, mode="realtime")
+    viewer.add_stage(ones, after="gbuffer")
+    viewer.run(frames=1)
+    viewer.act("previous_view")
+    assert viewer.pictures.view == "ones"
+    viewer.run(frames=1)
+    assert (viewer.pictures.realtime["display"] == 255).all()
+    viewer.pictures.counts_rays = True
+    viewer.run(frames=1)
+    assert (viewer.pictures.realtime["display"] == 255).all()
+    shader.write_text(shader.read_text().replace("vec4(1.0)", "vec4(0.0)"))
+    viewer.sources._next_look = 0.0
+    viewer.run(frames=1)
+    assert (viewer.pictures.realtime["display"][..., :3] == 0).all()
+    viewer.act("next_view")
+    assert viewer.pictures.view == "picture"
+    with pytest.raises(sv.SolariError, match="the frame has a stage 'ones'"):
+        viewer.add_stage(ones, after="gbuffer")
+
+
 # ---- screenshots ------------------------------------------------------------------------------------
 
 

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import OpenEXR
 
+from solari_vk.passes.debug_views import DEBUG_VIEWS
 from solari_vk.scene.model import Camera
 from solari_vk.settings import Settings
 from solari_vk.studio.viewer.camera_control import CameraControl
@@ -65,6 +66,7 @@ class FakePictures:
     ready = False
     mode = "reference"
     view = "picture"
+    known_views = DEBUG_VIEWS
     tonemap = "agx"
     seed = 3
     size = (64, 48)
