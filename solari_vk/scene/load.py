@@ -22,16 +22,18 @@ def load(
     variant: str | None = None,
     up: str | None = None,
     unit: float | None = None,
+    folder: str | os.PathLike[str] | None = None,
     strict: bool = False,
     memory: int | None = None,
     seconds: float | None = None,
 ) -> Scene:
-    """Load a .gltf, .glb, .obj, .ply or .stl file as it is. `open` adds light to a file without, and an exposure.
-    "builtin:NAME" is a built-in scene.
+    """Load a .gltf, .glb, .obj, .ply or .stl file, or a robot's .urdf or MuJoCo .xml file, as it is. `open` adds light
+    to a file without, and an exposure. "builtin:NAME" is a built-in scene.
 
     scene and variant are those of `load_gltf`, for glTF files only. Mesh files don't say which axis points up ("x",
     "y" or "z": by default "y", and "z" for .stl) nor their unit, in meters (1). Their coordinates become those of the
-    scene, y up. Images that can't be read, and parts of glTF files with wrong data, are left out and reported; with
+    scene, y up. folder: of the files that a robot's file may name, by default the ROS package that holds it, or its own
+    folder. Images that can't be read, and parts of glTF files with wrong data, are left out and reported; with
     `strict` they are errors.
 
     memory, seconds: what loading may take, in bytes and seconds, by default 2 GiB and ten minutes, or what the
@@ -40,12 +42,13 @@ def load(
     """
     # formats.py finds formats in their folder, but PyInstaller and the like pack only modules that an import names.
     import solari_vk.scene.files.gltf
-    import solari_vk.scene.files.mesh_files  # noqa: F401
+    import solari_vk.scene.files.mesh_files
+    import solari_vk.scene.files.mujoco  # noqa: F401
 
     if str(path).startswith(BUILTIN):
         return builtin(str(path).removeprefix(BUILTIN))
     loaded: Scene = read_file(
-        path, scene=scene, variant=variant, up=up, unit=unit, strict=strict, memory=memory, seconds=seconds
+        path, scene=scene, variant=variant, up=up, unit=unit, folder=folder, strict=strict, memory=memory, seconds=seconds
     )
     return loaded
 

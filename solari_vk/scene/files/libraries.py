@@ -23,12 +23,13 @@ def is_installed(module: str) -> bool:
     return util.find_spec(module) is not None
 
 
-def library(module: str, who: str) -> Any:
-    """A library by its module. Raises SolariError, which names `who` needs it, if the library is missing or broken."""
+def library(module: str, who: str, install: str = INSTALL) -> Any:
+    """A library by its module. Raises SolariError, which names `who` needs it, if the library is missing or broken.
+    install: the command that brings it."""
     try:
         return import_module(module)
     except ImportError as error:
-        raise SolariError(f'{who} needs a library that isn\'t installed ({error}): install it by "{INSTALL}"') from None
+        raise SolariError(f'{who} needs a library that isn\'t installed ({error}): install it by "{install}"') from None
 
 
 def zstd(who: str) -> Any:

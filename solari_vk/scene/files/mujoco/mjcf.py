@@ -1,0 +1,100 @@
+"""MJCF files, read by MuJoCo, after a look at what other files they name."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Any
+from xml.etree.ElementTree import Element
+
+from solari_vk.base.budget import charge
+from solari_vk.base.errors import SolariError, shortened
+from solari_vk.scene.files.mujoco.references import Folder, read_xml
+
+_DIRECTORIES = ("meshdir", "texturedir", "assetdir")
+_BYTES_PER_BYTE = 12  # of a mesh or a picture, while it is read
+_MOST_FILES = 1000  # of XML
+_SMALLEST = 1e-9  # kg and kg m^2: pictures don't depend on them
+_NUMBER = re.compile(r"\d+")
+
+
+def compiled(path: Path, folder: str | Path | None, mujoco: Any) -> Any:
+    """The MjModel of an MJCF file. Raises SolariError for what isn't one, and for what MuJoCo says of it."""
+    check_files(path, Folder(path, folder))
+    return compile_spec(str(path), mujoco, lambda: mujoco.MjSpec.from_file(str(path)))
+
+
+def compile_spec(who: str, mujoco: Any, make: Any) -> Any:
+    """The MjModel of an MjSpec that `make` makes. Bodies without a mass get a small one: they aren't simulated."""
+    try:
+        spec = make()
+        spec.compiler.boundmass = max(spec.compiler.boundmass, _SMALLEST)
+        spec.compiler.boundinertia = max(spec.compiler.boundinertia, _SMALLEST)
+        spec.compiler.balanceinertia = True
+        return spec.compile()
+    except (ValueError, TypeError, mujoco.FatalError) as error:
+        reason = shortened(" ".join(str(error).split()), 200)
+        raise SolariError(f"{who}: MuJoCo can't read this: {reason}: mend the file") from None
+
+
+def check_files(path: Path, folder: Folder) -> None:
+    """Raise SolariError unless an MJCF file, and all that it and its parts name, can be read and may be."""
+    roots: dict[Path, Element] = {}
+    waiting = [path.resolve()]
+    while waiting:
+        file = waiting.pop()
+        if file in roots:
+            continue
+        root = roots[file] = read_xml(file)
+        if file == path.resolve() and root.tag != "mujoco":
+            raise SolariError(
+                f"{path}: is no model of MuJoCo, whose XML begins with <mujoco>, but <{shortened(root.tag, 40)}>"
+            )
+        if len(roots) > _MOST_FILES:
+            raise SolariError(f"{path}: includes more than {_MOST_FILES} files")
+        for element in root.iter():
+            if element.tag in ("include", "model") and "file" in element.attrib:
+                bases = (path.resolve().parent, file.parent)
+                waiting.append(folder.find(element.attrib["file"], bases, f"<{element.tag}>"))
+    subfolders = {
+        element.attrib[name]
+        for root in roots.values()
+        for element in root.iter("compiler")
+        for name in _DIRECTORIES
+        if name in element.attrib
+    }
+    for file, root in roots.items():
+        # Where MuJoCo looks depends on its version, so that a file counts at each of these places.
+        near = (path.resolve().parent, file.parent)
+        bases = [base / subfolder for base in near for subfolder in ("", *sorted(subfolders))]
+        for element in root.iter():
+            _check_element(element, bases, folder)
+
+
+def _check_element(element: Element, bases: list[Path], folder: Folder) -> None:
+    """Check the files of an element, and charge what is read or made of them."""
+    if element.tag in ("include", "model"):
+        return
+    what = f"<{element.tag}> {element.attrib.get('name', '')}".strip()
+    for name, value in element.attrib.items():
+        if name.startswith("file") and value:
+            found = _find(value, bases, folder, what)
+            charge(_BYTES_PER_BYTE * found.stat().st_size, folder.who, what)
+    sizes = [element.attrib.get(name, "") for name in ("width", "height")]
+    if element.tag == "texture" and all(map(_NUMBER.fullmatch, sizes)):
+        charge(4 * int(sizes[0]) * int(sizes[1]), folder.who, what)
+
+
+def _find(value: str, bases: list[Path], folder: Folder, what: str) -> Path:
+    try:
+        return folder.find(value, bases, what)
+    except SolariError:
+        # With the compiler's `strippath` only the last part of the path counts.
+        stripped = Path(value.replace("\\", "/")).name
+        if stripped == value:
+            raise
+        try:
+            return folder.find(stripped, bases, what)
+        except SolariError:
+            pass
+        raise

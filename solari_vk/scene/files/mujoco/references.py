@@ -1,0 +1,84 @@
+"""The files that robots' files name: where they are, and that they lie in the folder that may be read."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable
+from pathlib import Path
+from urllib.parse import unquote
+from xml.etree import ElementTree
+
+from solari_vk.base.budget import charge
+from solari_vk.base.errors import SolariError, quoted
+from solari_vk.base.files import read_regular
+
+_BESIDE = ("urdf", "mjcf", "xml", "sdf", "robots")  # folders of packages that hold files beside `meshes`
+_LEVELS = 6  # above a file, where its package is looked for
+_BYTES_PER_BYTE = 16  # of XML, while it is read
+_URI = re.compile(r"(package|model|file)://(.*)", re.DOTALL)
+
+
+class Folder:
+    """The folder that a file may read: `given`, else the package that holds the file, else its own folder."""
+
+    def __init__(self, path: Path, given: str | Path | None = None) -> None:
+        self.who = str(path)
+        self.near = path.parent.resolve()
+        if given is not None:
+            self.root = Path(given).resolve()
+            if not self.root.is_dir():
+                raise SolariError(f"{path}: folder: there is no folder {quoted(str(given))}")
+            return
+        parents = (self.near, *self.near.parents)[:_LEVELS]
+        package = next((parent for parent in parents if (parent / "package.xml").is_file()), None)
+        self.root = package or (self.near.parent if self.near.name in _BESIDE else self.near)
+
+    def find(self, reference: str, bases: Iterable[Path], what: str) -> Path:
+        """The file that a reference names, looked for from these folders. what: has the reference, for messages.
+        Raises SolariError for one that is missing, or outside."""
+        text = reference.replace("\\", "/")
+        uri = _URI.fullmatch(text)
+        if uri is not None and uri[1] != "file":
+            return self._in_package(unquote(uri[2]), what)
+        places = [Path(unquote(uri[2]))] if uri else [base / text for base in bases]
+        outside = None
+        for place in places:
+            try:
+                found = place.resolve()
+                if not found.is_file():
+                    continue
+            except (OSError, ValueError):  # such as a name with a null character
+                continue
+            if found.is_relative_to(self.root):
+                return found
+            outside = found
+        if outside is not None:
+            raise SolariError(
+                f"{self.who}: {what}: {quoted(reference)} lies outside of {self.root}, and isn't read: give a folder "
+                "that holds both by folder=..."
+            )
+        raise SolariError(f"{self.who}: {what}: there is no file {quoted(reference)}: check the path")
+
+    def _in_package(self, rest: str, what: str) -> Path:
+        """A file of a ROS package, which is the folder with its name above the file, or in the folder that may be
+        read."""
+        name, _, inner = rest.partition("/")
+        parents = [parent for parent in (self.near, *self.near.parents)[: 2 * _LEVELS] if parent.name == name]
+        for package in (*parents, self.root / name):
+            found = (package / inner).resolve()
+            if found.is_file() and (found.is_relative_to(package) or found.is_relative_to(self.root)):
+                return found
+        raise SolariError(
+            f"{self.who}: {what}: there is no file {quoted(inner)} in a folder {quoted(name)} above the file: give the "
+            "folder that holds the package by folder=..."
+        )
+
+
+def read_xml(path: Path) -> ElementTree.Element:
+    """The root of an XML file. Raises SolariError for one that is damaged."""
+    data = read_regular(path, str(path)).rstrip(b"\0")
+    charge(0, str(path), "its XML", working=_BYTES_PER_BYTE * len(data))
+    try:
+        return ElementTree.fromstring(data)
+    except (ElementTree.ParseError, ValueError, LookupError) as error:
+        raise SolariError(f"{path}: damaged XML ({error}): export the file again") from None
