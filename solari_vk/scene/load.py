@@ -48,7 +48,15 @@ def load(
     if str(path).startswith(BUILTIN):
         return builtin(str(path).removeprefix(BUILTIN))
     loaded: Scene = read_file(
-        path, scene=scene, variant=variant, up=up, unit=unit, folder=folder, strict=strict, memory=memory, seconds=seconds
+        path,
+        scene=scene,
+        variant=variant,
+        up=up,
+        unit=unit,
+        folder=folder,
+        strict=strict,
+        memory=memory,
+        seconds=seconds,
     )
     return loaded
 

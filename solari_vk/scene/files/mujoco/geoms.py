@@ -14,7 +14,7 @@ from solari_vk.scene import shapes
 from solari_vk.scene.meshes.smoothing import smooth_normals
 from solari_vk.scene.model import Mesh
 
-Floats = NDArray[np.float64]
+Floats = NDArray[Any]
 UP = np.array([(1.0, 0.0, 0.0), (0.0, 0.0, 1.0), (0.0, -1.0, 0.0)])
 """From MuJoCo's axes, z up, to the scene's, y up."""
 FACE_MARGIN = 1 / 16
@@ -22,6 +22,7 @@ FACE_MARGIN = 1 / 16
 INFINITE = 2.0  # times the distance at which MuJoCo's cameras end: half the width of a plane without end
 _SEGMENTS = 48
 _LINE_RADIUS = 1e-3  # meters: MuJoCo has lines in pixels
+_ON_EDGE = 1e-5  # of the largest coordinate: positions have 24 bits
 _SMALLEST = 1e-6  # of what MuJoCo draws without a length
 
 # OpenGL 4.6, table 8.19, in the order of MuJoCo's faces: right, left, up, down, front, back; the axes along which the
@@ -57,9 +58,9 @@ def primitive(kind: str, size: Floats, far: float) -> Mesh:
 def _plane(x: float, y: float) -> Mesh:
     corners = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)])
     positions = np.column_stack([corners * (x, y), np.zeros(4)])
-    uvs = (corners * (1, -1) + 1) / 2
+    uvs: Floats = (corners * (1, -1) + 1) / 2
     normals = np.tile((0.0, 0.0, 1.0), (4, 1))
-    return Mesh(positions, [(0, 1, 2), (0, 2, 3)], normals=normals, uvs=uvs, name="plane")
+    return Mesh(positions, np.array([(0, 1, 2), (0, 2, 3)]), normals=normals, uvs=uvs, name="plane")
 
 
 def _spherical(size: Floats) -> Mesh:
@@ -68,8 +69,8 @@ def _spherical(size: Floats) -> Mesh:
     around = unit.uvs
     assert around is not None
     # shapes.sphere begins a quarter of a turn later.
-    uvs = np.column_stack([around[:, 0] - 0.25, around[:, 1]])
-    normals = unit.positions / size
+    uvs: Floats = np.column_stack([around[:, 0] - 0.25, around[:, 1]])
+    normals: Floats = unit.positions / size
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
     return Mesh(unit.positions * size, unit.triangles, normals=normals, uvs=uvs, name="ellipsoid")
 
@@ -84,7 +85,7 @@ def _box(size: Floats) -> Mesh:
             normals.append(normal)
     triangles = [(4 * side + a, 4 * side + b, 4 * side + c) for side in range(6) for a, b, c in ((0, 1, 2), (0, 2, 3))]
     uvs = np.tile([(0, 0), (0, 1), (1, 1), (1, 0)], (6, 1))
-    return Mesh(np.array(positions) * size, triangles, normals=normals, uvs=uvs, name="box")
+    return Mesh(np.array(positions) * size, np.array(triangles), normals=np.array(normals, float), uvs=uvs, name="box")
 
 
 def _upright(mesh: Mesh, lift: float = 0.0) -> Mesh:
@@ -117,13 +118,16 @@ def model_mesh(model: Any, index: int) -> Mesh:
     if has_uvs:
         columns.append(model.mesh_facetexcoord[faces].reshape(-1))
     # Each corner has a row of each array; equal corners become one vertex.
-    corners, triangles = np.unique(np.stack(columns, axis=1), axis=0, return_inverse=True)
+    corners, numbers = np.unique(np.stack(columns, axis=1), axis=0, return_inverse=True)
+    triangles: Floats = numbers.reshape(-1, 3)
     normals = uvs = None
     if has_normals:
         normals = _unit(model.mesh_normal[model.mesh_normaladr[index] :][corners[:, 1]])
     if has_uvs:
         uvs = model.mesh_texcoord[model.mesh_texcoordadr[index] :][corners[:, -1]]
-    return Mesh(vertices[corners[:, 0]], triangles.reshape(-1, 3), normals=normals, uvs=uvs, name=model.mesh(index).name)
+    return Mesh(
+        vertices[corners[:, 0]], triangles.reshape(-1, 3), normals=normals, uvs=uvs, name=model.mesh(index).name
+    )
 
 
 def height_field(model: Any, index: int) -> Mesh:
@@ -167,11 +171,15 @@ def soft_mesh(model: Any, visual: Any, kind: str, number: int) -> Mesh | None:
     MjvScene of the state."""
     if kind == "FLEX":
         start, count = int(visual.flexfaceadr[number]), int(visual.flexfaceused[number])
-        corners, normals = (values[9 * start :][: 9 * count].reshape(-1, 3) for values in (visual.flexface, visual.flexnormal))
+        corners, normals = (
+            values[9 * start :][: 9 * count].reshape(-1, 3) for values in (visual.flexface, visual.flexnormal)
+        )
         uvs = visual.flextexcoord[6 * start :][: 6 * count].reshape(-1, 2)
         return Mesh(corners, normals=_unit(normals), uvs=uvs, name="flex") if count else None
     start, count = int(visual.skinvertadr[number]), int(visual.skinvertnum[number])
-    positions, normals = (values[3 * start :][: 3 * count].reshape(-1, 3) for values in (visual.skinvert, visual.skinnormal))
+    positions, normals = (
+        values[3 * start :][: 3 * count].reshape(-1, 3) for values in (visual.skinvert, visual.skinnormal)
+    )
     first = int(model.skin_texcoordadr[number])
     uvs = model.skin_texcoord[first:][:count] if first >= 0 else None
     faces = model.skin_face[int(model.skin_faceadr[number]) :][: int(model.skin_facenum[number])]
@@ -190,7 +198,9 @@ def with_cube_uvs(mesh: Mesh, scale: Floats) -> Mesh:
     scale. Triangles are split where another face of the cube begins."""
     normals = mesh.normals if mesh.normals is not None else np.zeros_like(mesh.positions)
     # Of each corner of each triangle the direction, the position and the normal.
-    values = np.concatenate([mesh.positions / scale, mesh.positions, normals], axis=1)
+    directions = mesh.positions / scale
+    directions = directions / max(float(np.abs(directions).max()), 1e-12)
+    values = np.concatenate([directions, mesh.positions, normals], axis=1)
     corners: Floats = values[mesh.triangles].astype(np.float64)
     for first, second in combinations(range(3), 2):
         for sign in (-1, 1):
@@ -213,7 +223,7 @@ def with_cube_uvs(mesh: Mesh, scale: Floats) -> Mesh:
 
 def _split(corners: Floats, side: Floats) -> Floats:
     """Triangles (T, 3, K), those split that cross the plane where `side` (T, 3), a linear function, is 0."""
-    side = np.where(np.abs(side) < 1e-9, 0.0, side)
+    side = np.where(np.abs(side) < _ON_EDGE, 0.0, side)
     crosses = (side.max(axis=1) > 0) & (side.min(axis=1) < 0)
     cut, values = corners[crosses], side[crosses]
     # Turn each triangle until the first corner is alone on its side of the plane.

@@ -42,7 +42,8 @@ def light_fields(mujoco: Any, model: Any, light: Any) -> tuple[type[Light], dict
     else:
         # At least a tenth of the model away, so that a light in its middle isn't dark.
         distance = max(float(np.linalg.norm(position - model.stat.center)), 0.1 * float(model.stat.extent))
-        constant, along, square = (float(value) for value in light.attenuation)
+        # MuJoCo's list of lights has the attenuation of spotlights only.
+        constant, along, square = model.light_attenuation[int(light.id)].tolist()
         dimming = max(constant + along * distance + square * distance**2, 1e-6)
         fields["intensity"] = FULL * distance**2 / dimming
     if kind == "POINT":

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 from pathlib import Path
 from typing import Any
@@ -18,7 +19,7 @@ _SMALLEST = 1e-9  # kg and kg m^2: pictures don't depend on them
 _NUMBER = re.compile(r"\d+")
 
 
-def compiled(path: Path, folder: str | Path | None, mujoco: Any) -> Any:
+def compiled(path: Path, folder: str | os.PathLike[str] | None, mujoco: Any) -> Any:
     """The MjModel of an MJCF file. Raises SolariError for what isn't one, and for what MuJoCo says of it."""
     check_files(path, Folder(path, folder))
     return compile_spec(str(path), mujoco, lambda: mujoco.MjSpec.from_file(str(path)))
@@ -54,8 +55,8 @@ def check_files(path: Path, folder: Folder) -> None:
             raise SolariError(f"{path}: includes more than {_MOST_FILES} files")
         for element in root.iter():
             if element.tag in ("include", "model") and "file" in element.attrib:
-                bases = (path.resolve().parent, file.parent)
-                waiting.append(folder.find(element.attrib["file"], bases, f"<{element.tag}>"))
+                around = (path.resolve().parent, file.parent)
+                waiting.append(folder.find(element.attrib["file"], around, f"<{element.tag}>"))
     subfolders = {
         element.attrib[name]
         for root in roots.values()
@@ -77,6 +78,8 @@ def _check_element(element: Element, bases: list[Path], folder: Folder) -> None:
         return
     what = f"<{element.tag}> {element.attrib.get('name', '')}".strip()
     for name, value in element.attrib.items():
+        if "nan" in value.lower().split():  # of which MuJoCo only warns
+            raise SolariError(f"{folder.who}: {what}: {name} is '{shortened(value, 40)}': mend the number")
         if name.startswith("file") and value:
             found = _find(value, bases, folder, what)
             charge(_BYTES_PER_BYTE * found.stat().st_size, folder.who, what)

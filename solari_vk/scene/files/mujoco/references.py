@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 from collections.abc import Iterable
 from pathlib import Path
@@ -21,7 +22,7 @@ _URI = re.compile(r"(package|model|file)://(.*)", re.DOTALL)
 class Folder:
     """The folder that a file may read: `given`, else the package that holds the file, else its own folder."""
 
-    def __init__(self, path: Path, given: str | Path | None = None) -> None:
+    def __init__(self, path: Path, given: str | os.PathLike[str] | None = None) -> None:
         self.who = str(path)
         self.near = path.parent.resolve()
         if given is not None:

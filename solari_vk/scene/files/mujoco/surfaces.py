@@ -57,13 +57,16 @@ def look_of(mujoco: Any, model: Any, geom: Any) -> Look:
         # Once in two units of length, as MuJoCo's own renderer has it.
         repeat = repeat * np.where(np.array(geom.size[:2]) > 0, geom.size[:2], 1)
     return Look(
-        model.material(material).name if material >= 0 else "",
-        tuple(np.array(geom.rgba, np.float64).round(6).tolist()),
-        *(round(float(value), 6) for value in (geom.emission, geom.specular, geom.shininess, geom.reflectance)),
-        metallic,
-        roughness,
-        tuple(textures),
-        (float(repeat[0]), float(repeat[1])),
+        name=model.material(material).name if material >= 0 else "",
+        rgba=tuple(np.array(geom.rgba, np.float64).round(6).tolist()),
+        emission=float(geom.emission),
+        specular=float(geom.specular),
+        shininess=float(geom.shininess),
+        reflectance=float(geom.reflectance),
+        metallic=metallic,
+        roughness=roughness,
+        textures=tuple(textures),
+        repeat=(float(repeat[0]), float(repeat[1])),
     )
 
 
@@ -126,23 +129,28 @@ class Surfaces:
         if key in self._images:
             return self._images[key]
         model = self._model
-        given = [None if number is None else texels(model, number) for number in (first, second)]
+        one, other = (None if number is None else texels(model, number) for number in (first, second))
         if kind == "rough":
-            # glTF has roughness in green and metallic in blue, as MuJoCo's packed textures have them too.
-            rough, metal = given
-            shape = (rough if rough is not None else metal).shape[:2]  # type: ignore[union-attr]
-            pixels = np.full((*shape, 3), 255, np.uint8)
-            for channel, part in ((1, rough), (2, metal)):
-                if part is not None:
-                    pixels[..., channel] = _sized(part[..., channel if part.shape[2] > 2 else 0], shape)
+            pixels = _rough_and_metal(one, other)
         else:
-            pixels = cube_atlas(given[0]) if kind == "color" and self._is_cube[first] else given[0]  # type: ignore
-            if given[1] is not None:
-                alpha = _sized(given[1][..., 0], pixels.shape[:2])
-                pixels = np.dstack([pixels[..., :3] if pixels.shape[2] > 1 else np.repeat(pixels, 3, 2), alpha])
+            assert one is not None
+            pixels = cube_atlas(one) if kind == "color" and self._is_cube[first] else one
+            if other is not None:
+                alpha = _sized(other[..., 0], pixels.shape[:2])
+                pixels = np.dstack([np.broadcast_to(pixels[..., :3], (*alpha.shape, 3)), alpha])
         name = model.texture(first if first is not None else second).name
         self._images[key] = TextureImage(np.ascontiguousarray(pixels), name=name)
         return self._images[key]
+
+
+def _rough_and_metal(rough: Pixels | None, metal: Pixels | None) -> Pixels:
+    """A texture with roughness in green and metallic in blue, as glTF has it, and MuJoCo's packed textures."""
+    shape = rough.shape[:2] if rough is not None else metal.shape[:2]  # type: ignore[union-attr]
+    pixels: Pixels = np.full((*shape, 3), 255, np.uint8)
+    for channel, part in ((1, rough), (2, metal)):
+        if part is not None:
+            pixels[..., channel] = _sized(part[..., channel if part.shape[2] > 2 else 0], shape)
+    return pixels
 
 
 def _finish(look: Look) -> dict[str, Any]:
@@ -173,7 +181,8 @@ def texels(model: Any, number: int) -> Pixels:
 def _sized(channel: NDArray[Any], shape: tuple[int, ...]) -> NDArray[Any]:
     """A channel at another size, by the nearest texels."""
     rows, columns = (np.arange(after) * before // after for after, before in zip(shape, channel.shape, strict=True))
-    return channel[rows[:, None], columns]
+    found: NDArray[Any] = channel[rows[:, None], columns]
+    return found
 
 
 def _faces(pixels: Pixels) -> Pixels:

@@ -106,7 +106,7 @@ def _dress(
         material = _material(given if len(given) else materials.get(str(given.get("name"))), folder)
     mesh = visual.find("geometry/mesh")
     if mesh is None:
-        instance.material = material or Material(base_color=0.5, name="default")
+        instance.material = material or Material(name="default")
         return
     reference = str(mesh.get("filename"))
     path = folder.find(reference, (folder.near,), f"the mesh of link '{instance.part_of or instance.label}'")
@@ -162,7 +162,7 @@ def _mesh_scene(path: Path, strict: bool) -> Scene:
     kind = path.suffix.lower()
     if kind == ".dae":
         return _collada(path)
-    options = {"up": "y"} if kind in (".obj", ".stl", ".ply") else {}
+    options: dict[str, Any] = {"up": "y"} if kind in (".obj", ".stl", ".ply") else {}
     found: Scene = read_file(path, strict=strict, **options)
     return found
 
