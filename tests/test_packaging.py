@@ -256,4 +256,4 @@ def test_dockerfiles_copy_what_is_there_and_install_what_there_is():
 def test_all_is_what_users_want():
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["optional-dependencies"]
     named = set(",".join(re.findall(r"\[([\w,]+)\]", " ".join(project["all"]))).split(","))
-    assert named == set(project) - {"all", "trial", "docs", "test"}
+    assert named == set(project) - {"all", "slang", "trial", "docs", "test"}

@@ -62,6 +62,7 @@ PARTS = (
     Part("pictures in browsers", "serve", "aiohttp"),
     Part("pictures in terminals", "terminal", "textual_image"),
     Part("several devices and machines", "cluster", "distributed"),
+    Part("passes in Slang", "slang", "slangpy", libraries=("libslang-compiler.so*",)),
 )
 
 

@@ -18,6 +18,7 @@ import solari_vk as sv
 from solari_vk import cli
 from solari_vk.data.cli.annotations import ANNOTATIONS
 from solari_vk.gpu.device.device import Device
+from solari_vk.gpu.shaders import slang
 from solari_vk.lab.conformance.groups import GROUPS
 from solari_vk.output import movie
 from solari_vk.output.tone_mapping import TONEMAPS
@@ -116,12 +117,16 @@ WITH_PYTHON = [page for page in PAGES if blocks(page, "python") and page not in 
 @pytest.mark.filterwarnings("error:the picture")
 @pytest.mark.parametrize("page", WITH_PYTHON, ids=name_of)
 def test_python_runs(lent_device, page, folder, capsys):
+    if page.name == "slang.md" and slang.library_file() is None:
+        pytest.skip(f"needs {slang.INSTALL}")
     names = run_page(page, folder)
     if page == DOCS / "index.md":
         assert names["radiance"].shape == (9, 16, 3)
         assert names["depth"].shape == names["ball"].shape == (9, 16)
         assert names["ball"].any()
         assert (folder / "out.png").stat().st_size > 0
+    if page.name == "slang.md":
+        assert capsys.readouterr().out == "True\n"
     if page.name == "passes.md":
         assert names["frame"].device is names["device"]
         assert capsys.readouterr().out.startswith("[")
@@ -132,7 +137,7 @@ def test_blocks_fit_the_page():
     named = {"gltf.md", "ray_tracing.md", "README.md", "CONTRIBUTING.md"}
     for page in PAGES:
         if page.parent.name in ("start", "guides") or page.name in named:
-            shown = blocks(page, r"(?:python|glsl|sh)")
+            shown = blocks(page, r"(?:python|glsl|slang|sh)")
             assert max((len(line) for block in shown for line in block.splitlines()), default=0) <= 88, page
 
 

@@ -231,7 +231,7 @@ class ProgramBuilder:
         constants = {**item.constants, **dict.fromkeys(sorted(known & (features or frozenset())), True)}
         robust = self._robust
         if robust is None:
-            robust = any(has_own(key.folders, key.path) for key in shaders.keys)
+            robust = any(key.spirv is not None or has_own(key.folders, key.path) for key in shaders.keys)
         return PipelineInfo(name, modules, constants, kind, robust)
 
     def _step(self, item: Pass | Draw, info: PipelineInfo, pipeline: Pipeline) -> BuiltStep:

@@ -47,7 +47,8 @@ class IfUsed:
 @checked_constructor
 @dataclass(frozen=True)
 class Pass:
-    """One dispatch of the compute shader glsl/passes/NAME.comp.
+    """One dispatch of the compute shader passes/NAME.comp below a GLSL root; or passes/NAME.slang, with the extra
+    `slang`; or the SPIR-V passes/NAME.spv; or `spirv`, the bytes of a module.
 
     Give either `threads`, the invocations in x, y and z, which are rounded up to whole workgroups, or `indirect`, the
     name of a buffer with the three workgroup counts at byte `indirect_offset`. `constants` are values of specialization
@@ -63,8 +64,11 @@ class Pass:
     indirect_offset: int = 0
     constants: Mapping[str, int | float | bool] = field(default_factory=dict)
     header: str = ""
+    spirv: bytes | None = field(default=None, repr=False, kw_only=True)
 
     def __post_init__(self) -> None:
+        if self.spirv is not None and self.header:
+            raise SolariError(f"pass {self.name}: a header is text before a shader's own, and SPIR-V has none")
         if (self.threads is None) == (self.indirect is None):
             raise SolariError(f"pass {self.name}: give either threads or indirect")
         if not isinstance(self.indirect_offset, Integral) or self.indirect_offset < 0 or self.indirect_offset % 4:

@@ -125,7 +125,7 @@ def compile_into_spirv(
 def _compile_text(source: bytes, stage: str, name: str, include_paths: Sequence[str], **options: Any) -> bytes:
     included = Sources([Path(name).parent, *map(Path, include_paths)]).closure(Path(name).name, source)
     generated = {path: text for path, text in included.items() if headers.is_generated(path)}
-    macros = _constant_ids(included.values())
+    macros = constant_ids(included.values())
     try:
         spirv = shaderc.compile_source(source, stage, name, include_paths, generated, macros=macros, **options)
     except shaderc.Failure as failure:
@@ -133,7 +133,7 @@ def _compile_text(source: bytes, stage: str, name: str, include_paths: Sequence[
     return dead_code.without_texts(spirv)
 
 
-def _constant_ids(texts: Iterable[bytes]) -> dict[str, int]:
+def constant_ids(texts: Iterable[bytes]) -> dict[str, int]:
     """Numbers for the ids that constants are declared with: `layout(constant_id = size_id) const uint size = 8u;`."""
     named = {found[1].decode() for text in texts for found in _CONSTANT.finditer(text)}
     return {name: number for number, name in enumerate(sorted(named), _FIRST_ID)}

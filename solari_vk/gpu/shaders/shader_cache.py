@@ -19,7 +19,8 @@ from solari_vk.gpu.shaders import headers
 
 _INCLUDE = re.compile(rb'^[ \t]*#[ \t]*include[ \t]+["<]([^">\n]+)[">]', re.MULTILINE)
 _INDEX = "shipped.json"
-_MISSING = b"\0missing"
+# Slang imports modules by their names: `import a.b;` is the file a/b.slang.
+_IMPORT = re.compile(rb'^[ \t]*(?:__exported[ \t]+)?(?:import|__include)[ \t]+("[^"\n]+"|[\w.]+)[ \t]*;', re.MULTILINE)
 
 
 class Sources:
@@ -27,6 +28,8 @@ class Sources:
 
     A path is looked up in the roots in their order.
     """
+
+    MISSING = b"\0missing"  # the text of a file that is in none of them
 
     def __init__(self, roots: Sequence[Path]) -> None:
         self.roots = list(roots)
@@ -67,12 +70,20 @@ class Sources:
         if name not in self._texts:
             file = self.find(name)
             try:
-                self._texts[name] = read_regular(file, name) if file else _MISSING
+                self._texts[name] = read_regular(file, name) if file else self.MISSING
             except SolariError:
-                self._texts[name] = _MISSING
+                self._texts[name] = self.MISSING
         return self._texts[name]
 
     def _included_by(self, name: str, text: bytes) -> Iterator[str]:
+        for match in _IMPORT.finditer(text) if name.endswith(".slang") else ():
+            module = match[1].decode(errors="replace")
+            file = module.strip('"') if module.startswith('"') else module.replace(".", "/")
+            beside = os.path.join(os.path.dirname(name), file).replace(os.sep, "/")
+            places = [f"{place.removesuffix('.slang')}.slang" for place in (beside, file)]
+            # Slang finds a_b in a-b.slang too.
+            places += [place.replace("_", "-") for place in places]
+            yield next((place for place in places if self.find(place)), places[0])
         for match in _INCLUDE.finditer(text):
             requested = match[1].decode(errors="replace")
             if headers.is_generated(requested):

@@ -134,13 +134,14 @@ def version() -> str:
             # The loader knows the file of a function, whose size and time change with each update of the library.
             info = _ffi().new("Dl_info*")
             _ffi().dlopen(None).dladdr(_ffi().cast("void*", loaded.shaderc_compiler_initialize), info)
-            return _identity(os.fsdecode(_ffi().string(info.file)))
+            return identity(os.fsdecode(_ffi().string(info.file)))
         except (OSError, AttributeError, TypeError):  # Windows has no dladdr
             return str(loaded)
-    return _identity(_glslc())
+    return identity(_glslc())
 
 
-def _identity(path: str) -> str:
+def identity(path: str) -> str:
+    """A string that differs between builds of a compiler, by its file."""
     file = Path(path).resolve()
     status = file.stat()
     return f"{file} {status.st_size} {status.st_mtime_ns}"

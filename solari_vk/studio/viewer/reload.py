@@ -14,7 +14,7 @@ from solari_vk.gpu.shaders.compiler import glsl_root
 from solari_vk.scene.model import COLLECTIONS, Scene
 
 INTERVAL = 0.5  # seconds between two checks
-SHADERS = {".glsl", *("." + stage for stage in shaderc.STAGES)}
+SHADERS = {".glsl", ".slang", ".slangh", ".spv", *("." + stage for stage in shaderc.STAGES)}
 
 Stamps = dict[Path, tuple[int, int]]
 
