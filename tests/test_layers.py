@@ -26,7 +26,7 @@ MODULES = sorted(PACKAGE.rglob("*.py"))
 HOST = {"base", "gpu"}
 DRAWN = {*HOST, "scene", "bound", "passes", "settings", "output"}
 CORE = {*DRAWN, "renderers", "batch", "cli"}
-WINGS = {"data", "studio", "lab"}
+WINGS = {"data", "robots", "studio", "lab"}
 MAY_IMPORT = {
     "base": set(),
     "gpu": {"base"},
@@ -39,6 +39,7 @@ MAY_IMPORT = {
     "batch": {*DRAWN, "renderers"},
     "cli": {"", *CORE},
     "data": {"", *CORE},
+    "robots": {"", *CORE},
     "studio": {"", *CORE},
     "lab": {"", *CORE},
     "__main__": {"cli"},

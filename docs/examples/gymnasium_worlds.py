@@ -4,7 +4,7 @@ import gymnasium as gym
 import mujoco
 import numpy as np
 from gymnasium.vector.utils import batch_space
-from mujoco_scene import MODEL, make_scene, poses  # the program beside this one
+from mujoco_scene import MODEL  # the program beside this one
 from PIL import Image
 
 import solari_vk as sv
@@ -24,8 +24,7 @@ class Push(gym.vector.VectorEnv):
         self.single_action_space = gym.spaces.Box(-1, 1, (2,), np.float32)
         self.observation_space = batch_space(self.single_observation_space, worlds)
         self.action_space = batch_space(self.single_action_space, worlds)
-        options = {"renderer": "realtime", "worlds": worlds, "outputs": ()}
-        self.batch = sv.Batch(device, make_scene(model), size, worlds, **options)
+        self.batch = sv.mujoco.Batch(model, worlds, *size[::-1], device=device)
         self.age = np.zeros(worlds, int)
 
     def reset(self, *, seed=None, options=None):
@@ -47,10 +46,7 @@ class Push(gym.vector.VectorEnv):
             mujoco.mj_resetData(self.model, one)
             one.qpos[-7:-5] = self.np_random.uniform(-1, 1, 2)
             mujoco.mj_forward(self.model, one)
-        for index, transforms in enumerate(poses(self.data, "geom").swapaxes(0, 1)):
-            self.batch.transforms[str(index)] = transforms
-        self.batch.render(poses(self.data, "cam")[:, 0], fov=float(self.model.cam_fovy[0]), ev100=14, reset=new)
-        return self.batch["display"][..., :3]
+        return self.batch.render(self.data, reset=new)["display"][:, 0, ..., :3]
 
     def close_extras(self, **kwargs):
         self.batch.close()

@@ -211,7 +211,8 @@ URDF = """<robot name="r"><material name="blue"><color rgba="0 0 1 1"/></materia
 <link name="a"><visual><geometry><box size="2 4 1"/></geometry><material name="blue"/></visual>
 <collision><geometry><sphere radius="9"/></geometry></collision></link>
 <link name="b"><inertial><mass value="nan"/></inertial>
-<visual><origin xyz="0 0 1"/><geometry><mesh filename="package://pack/meshes/tip.obj" scale="2 2 2"/></geometry></visual>
+<visual><origin xyz="0 0 1"/><geometry>
+<mesh filename="package://pack/meshes/tip.obj" scale="2 2 2"/></geometry></visual>
 <visual><geometry><cylinder radius=".1" length="1"/></geometry></visual></link>
 <joint name="j" type="revolute"><parent link="a"/><child link="b"/><origin xyz="0 0 .5"/><axis xyz="0 1 0"/></joint>
 </robot>"""

@@ -134,6 +134,15 @@ class Batch(Measurement):
 
 
 @dataclass(frozen=True, kw_only=True)
+class Robots(Measurement):
+    MODULE = "robots"
+    worlds: int = option("of a view each (1024)", "N", type=positive, default=1024)
+    size: tuple[int, int] = option("of a view (64x64)", "WxH", type=size, default=(64, 64))
+    renderers: tuple[str, ...] = option("labels, realtime, reference (all)", "A,B", type=words, default=())
+    samples: int = option("per pixel of reference (4)", "N", type=positive, default=4)
+
+
+@dataclass(frozen=True, kw_only=True)
 class Dataset(Measurement):
     MODULE = "dataset"
     files: tuple[Path, ...] = option(_SCENES, names=("files",), nargs="*", type=Path, default=())
@@ -230,6 +239,7 @@ Measurement.PARTS = (
     Command("trees", "rays by what the driver's builder of acceleration structures is given", RUN, Trees),
     Command("ways", "rays, frames and samples by each method of tracing that the device has", RUN, Ways),
     Command("batch", "views a second of batches, beside the same views one by one", RUN, Batch),
+    Command("robots", "views a second of a robot in many worlds, beside MuJoCo Warp's renderer", RUN, Robots),
     Command("dataset", "views a second by set of outputs, beside the lit frame", RUN, Dataset),
     Command("first-frames", "errors of first frames after cuts, alone and in batches", RUN, FirstFrames),
 )

@@ -34,7 +34,7 @@ def code_of(page):
 def test_all_are_there_and_short():
     assert len(EXAMPLES) >= 10
     for path in [*FOLDER.glob("*.py"), *FOLDER.rglob("*.comp")]:
-        longest = {"gymnasium_worlds": 70, "mujoco_scene": 100}.get(path.stem, 40)
+        longest = {"gymnasium_worlds": 70}.get(path.stem, 40)
         assert len(path.read_text(encoding="utf-8").splitlines()) < longest, path
 
 
@@ -197,32 +197,6 @@ def test_seeds_vary_less_than_independent_samples(device):
     assert 0.05 < measured / independent.mean() < 0.7
 
 
-def test_models_of_mujoco_keep_textures_and_lights():
-    mujoco = pytest.importorskip("mujoco")
-    model = mujoco.MjModel.from_xml_string("""<mujoco><asset>
-        <texture name="board" type="2d" builtin="checker" width="8" height="8" rgb1="1 0 0" rgb2="0 0 1"/>
-        <material name="board" texture="board" texrepeat="3 2" texuniform="true" emission=".5" rgba="1 1 .5 .5"/>
-        </asset><worldbody><geom type="plane" size="2 1 1" material="board"/>
-        <light pos="0 0 3" diffuse=".5 .5 .5" cutoff="30"/><light type="directional" dir="1 0 -1"/>
-        <light type="point" pos="1 1 1"/></worldbody></mujoco>""")
-    scene = load("mujoco_scene").make_scene(model)
-    spot, sun, point, sky = scene.lights
-    np.testing.assert_allclose((spot.position, spot.direction), [(0, 3, 0), (0, -1, 0)], atol=1e-6)
-    assert np.degrees(spot.outer_cone_angle) == pytest.approx(30)
-    np.testing.assert_allclose(sun.direction * 2**0.5, (1, -1, 0), atol=1e-6)
-    np.testing.assert_allclose(point.position, (1, 1, -1), atol=1e-6)
-    assert sky.emits
-    material = scene.instances["0"].material
-    assert material.alpha == 0.5
-    assert material.emissive[0] > 0
-    texture = material.base_color_texture
-    np.testing.assert_array_equal(texture.uv_transform, [(12, 0, 0), (0, 4, 0)])
-    assert {tuple(texel) for texel in texture.image.pixels[..., :3].reshape(-1, 3).tolist()} == {
-        (255, 0, 0),
-        (0, 0, 255),
-    }
-
-
 def test_worlds_of_mujoco(device):
     """Stepped, each its own way, and lit: what falls is seen to move in all worlds, and nowhere in the same way."""
     mujoco = pytest.importorskip("mujoco")
@@ -263,18 +237,3 @@ def test_an_environment_of_gymnasium(device):
     assert not rewards.any()
     assert not truncated.any()
     envs.close()
-
-
-def test_a_robot_in_urdf(tmp_path):
-    """MuJoCo reads it, with its meshes: a tetrahedron stands on a box, in meters, z up there and y up here."""
-    mujoco = pytest.importorskip("mujoco")
-    (tmp_path / "tip.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 3\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 3 1 4\n")
-    (tmp_path / "robot.urdf").write_text("""<robot name="r"><link name="a"><visual><geometry><box size="2 4 1"/>
-        </geometry></visual></link><link name="b"><visual><geometry><mesh filename="tip.obj"/></geometry></visual>
-        <inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link>
-        <joint name="j" type="fixed"><parent link="a"/><child link="b"/><origin xyz="0 0 .5"/></joint>
-        <mujoco><compiler discardvisual="false" fusestatic="false"/></mujoco></robot>""")
-    scene = load("mujoco_scene").make_scene(mujoco.MjModel.from_xml_path(str(tmp_path / "robot.urdf")))
-    box, tip = (one.mesh.positions @ one.transform[:3, :3].T + one.transform[:3, 3] for one in scene.instances)
-    np.testing.assert_allclose((box.min(axis=0), box.max(axis=0)), ((-1, -0.5, -2), (1, 0.5, 2)), atol=1e-5)
-    np.testing.assert_allclose((tip.min(axis=0), tip.max(axis=0)), ((0, 0.5, -1), (1, 3.5, 0)), atol=1e-5)

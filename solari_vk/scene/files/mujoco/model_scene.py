@@ -69,8 +69,13 @@ class ModelScene:
     # ---- states -------------------------------------------------------------------------------------
 
     def update(self, data: Any, camera: Any = None, option: Any = None) -> None:
-        """Show a state, MjData, as a camera of MuJoCo sees it, an MjvCamera, with an MjvOption; by default the free
-        camera and MuJoCo's own options."""
+        """Show a state: `fill` and `show`."""
+        self.fill(data, camera, option)
+        self.show()
+
+    def fill(self, data: Any, camera: Any = None, option: Any = None) -> None:
+        """Have MuJoCo list what is shown in `visual`: of a state, MjData, seen by an MjvCamera, with an MjvOption; by
+        default the free camera and MuJoCo's own options."""
         mujoco = self.mujoco
         if camera is None:
             camera = mujoco.MjvCamera()
@@ -78,6 +83,9 @@ class ModelScene:
         option = option or mujoco.MjvOption()
         everything = mujoco.mjtCatBit.mjCAT_ALL
         mujoco.mjv_updateScene(self.model, data, option, None, camera, everything, self.visual)
+
+    def show(self) -> None:
+        """Have the scene show what `visual` lists."""
         self._update_geoms()
         self._update_lights()
 
