@@ -87,6 +87,7 @@ if TYPE_CHECKING:
     from solari_vk.renderers.renderer import Renderer as Renderer
     from solari_vk.renderers.results import RenderedFrame as RenderedFrame
     from solari_vk.renderers.scene_frame import SceneFrame as SceneFrame
+    from solari_vk.robots import isaac_lab as isaac_lab
     from solari_vk.robots import mujoco as mujoco
     from solari_vk.robots import newton as newton
     from solari_vk.scene import shapes as shapes

@@ -323,7 +323,7 @@ def _mesh(kind: str, scale: Any, source: Any) -> Mesh | None:
         case "ELLIPSOID" | "BOX":
             return geoms.primitive(kind, np.array([a, b, c]), FAR)
         case "CONE":
-            return geoms._upright(shapes.cone(a, 2 * b, 48))
+            return geoms.upright(shapes.cone(a, 2 * b, 48))
         case "MESH" | "CONVEX_MESH":
             return _source_mesh(source, np.array([a, b, c]))
     return None

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import abc
 import math
+import sys
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -20,7 +23,7 @@ COLORS = ((0.9, 0.2, 0.1), (0.1, 0.8, 0.2), (0.2, 0.3, 0.9))
 @pytest.fixture(scope="module")
 def model():
     builder = newton.ModelBuilder()
-    builder.add_ground_plane()
+    builder.add_ground_plane(color=(0.8, 0.8, 0.8))
     for world in range(WORLDS):
         one = newton.ModelBuilder()
         turned = wp.transform(wp.vec3(-0.8, 0.0, 0.6), wp.quat_rpy(0.3, 0.2, 0.5 + 0.3 * world))
@@ -52,7 +55,8 @@ def cameras():
 
 NAMES = {
     "depth_image": "depth", "forward_depth_image": "depth_forward", "normal_image": "normal",
-    "shape_index_image": "shape_index", "albedo_image": "albedo", "color_image": "color", "hdr_color_image": "color_hdr",
+    "shape_index_image": "shape_index", "albedo_image": "albedo", "color_image": "color",
+    "hdr_color_image": "color_hdr",
 }  # fmt: skip
 
 
@@ -136,3 +140,49 @@ def test_worlds_with_other_shapes_are_refused(device):
         builder.add_world(one)
     with pytest.raises(sv.SolariError, match="different shapes"):
         sv.newton.SensorCamera(builder.finalize(device="cpu"), device=device)
+
+
+class _Buffer:
+    """As Isaac Lab's ProxyArray."""
+
+    def __init__(self, values, dtype):
+        self.warp = wp.array(values, dtype=dtype, device="cpu")
+
+
+def test_isaac_labs_interface_is_filled(device, model, monkeypatch):
+    """By a stand-in for the interface, with the methods of its public text: Isaac Lab itself isn't tried."""
+    names = (
+        "supported_output_types", "prepare_stage", "create_render_data", "set_outputs", "update_transforms",
+        "update_geometries", "update_camera", "render", "read_output", "cleanup",
+    )  # fmt: skip
+    base = abc.ABCMeta("BaseRenderer", (), {name: abc.abstractmethod(lambda *_: None) for name in names})
+    fake = SimpleNamespace(BaseRenderer=base, RenderBufferKind=str, RenderBufferSpec=lambda *spec: spec)
+    monkeypatch.setitem(sys.modules, "isaaclab", SimpleNamespace(renderers=fake))
+    monkeypatch.setitem(sys.modules, "isaaclab.renderers", fake)
+    renderer = sv.isaac_lab.renderer(model, model.state(), device=device, frames=1)
+    assert renderer.supported_output_types()["depth"] == (1, wp.float32)
+    data = renderer.create_render_data(SimpleNamespace(cfg=SimpleNamespace(width=SIZE[0], height=SIZE[1])))
+    outputs = {
+        "rgb": _Buffer(np.zeros((3, *SIZE[::-1], 3)), wp.uint8),
+        "depth": _Buffer(np.zeros((3, *SIZE[::-1], 1)), wp.float32),
+    }
+    renderer.set_outputs(data, outputs)
+    # Isaac Lab's cameras look along x with z up: a quarter of a turn about z looks along y.
+    half = math.sqrt(0.5)
+    focal = SIZE[1] / 2 / math.tan(math.radians(25))
+    turns = _Buffer(np.tile([0, 0, half, half], (3, 1)), wp.quatf)
+    lens = _Buffer(np.tile([[focal, 0, 24], [0, focal, 18], [0, 0, 1]], (3, 1, 1)), wp.mat33f)
+    renderer.update_camera(data, _Buffer(np.tile([0, -3.2, 0.6], (3, 1)), wp.vec3f), turns, lens)
+    renderer.render(data)
+    renderer.close()
+    depth = outputs["depth"].warp.numpy()[..., 0]
+    rays = sensors.SensorCamera.compute_camera_rays_pinhole(*SIZE, camera_fov=math.radians(50), device="cpu")
+    level = np.tile([0, -3.2, 0.6, half, 0, 0, half], (3, 1)).astype(np.float32)
+    theirs = sensors.SensorCamera(model)
+    expected = theirs.allocate_image_depth_forward(3, *SIZE)
+    transforms = wp.array(level, dtype=wp.transformf, device="cpu")
+    theirs.update(model.state(), transforms, rays, forward_depth_image=expected)
+    assert np.quantile(np.abs(depth - expected.numpy()), 0.97) < 0.02
+    assert outputs["rgb"].warp.numpy().std() > 5
+    with pytest.raises(sv.SolariError, match="motion"):
+        renderer.set_outputs(data, {"motion": None})

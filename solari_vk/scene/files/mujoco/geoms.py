@@ -45,13 +45,13 @@ def primitive(kind: str, size: Floats, far: float) -> Mesh:
     if kind == "BOX":
         return _box(size)
     if kind == "CAPSULE":
-        return _upright(shapes.capsule(size[0], 2 * size[2], _SEGMENTS))
+        return upright(shapes.capsule(size[0], 2 * size[2], _SEGMENTS))
     if kind == "CYLINDER":
-        return _upright(shapes.cylinder(size[0], 2 * size[2], _SEGMENTS))
+        return upright(shapes.cylinder(size[0], 2 * size[2], _SEGMENTS))
     if kind.startswith("ARROW"):
         return _arrow(size, kind)
     if kind == "LINE":
-        return _upright(shapes.cylinder(_LINE_RADIUS, size[2], 8), lift=size[2] / 2)
+        return upright(shapes.cylinder(_LINE_RADIUS, size[2], 8), lift=size[2] / 2)
     raise SolariError(f"MuJoCo: geoms of the kind {kind.lower()} have no mesh here")
 
 
@@ -65,7 +65,7 @@ def _plane(x: float, y: float) -> Mesh:
 
 def _spherical(size: Floats) -> Mesh:
     """u runs around the z axis from x to y, v from the upper pole down."""
-    unit = _upright(shapes.sphere(1.0, _SEGMENTS))
+    unit = upright(shapes.sphere(1.0, _SEGMENTS))
     around = unit.uvs
     assert around is not None
     # shapes.sphere begins a quarter of a turn later.
@@ -88,7 +88,7 @@ def _box(size: Floats) -> Mesh:
     return Mesh(np.array(positions) * size, np.array(triangles), normals=np.array(normals, float), uvs=uvs, name="box")
 
 
-def _upright(mesh: Mesh, lift: float = 0.0) -> Mesh:
+def upright(mesh: Mesh, lift: float = 0.0) -> Mesh:
     """A shape about the y axis, about the z axis."""
     normals = None if mesh.normals is None else mesh.normals @ UP
     return Mesh(mesh.positions @ UP + (0, 0, lift), mesh.triangles, normals=normals, uvs=mesh.uvs, name=mesh.name)
@@ -97,8 +97,8 @@ def _upright(mesh: Mesh, lift: float = 0.0) -> Mesh:
 def _arrow(size: Floats, kind: str) -> Mesh:
     """A shaft and a tip from the origin along z, as long as the third size."""
     radius, length = size[0], size[2]
-    shaft = _upright(shapes.cylinder(radius, 0.8 * length, 16), lift=0.4 * length)
-    tip = _upright(shapes.cone(1.75 * radius, 0.2 * length, 16), lift=0.9 * length)
+    shaft = upright(shapes.cylinder(radius, 0.8 * length, 16), lift=0.4 * length)
+    tip = upright(shapes.cone(1.75 * radius, 0.2 * length, 16), lift=0.9 * length)
     positions = np.concatenate([shaft.positions, tip.positions])
     triangles = np.concatenate([shaft.triangles, tip.triangles + len(shaft.positions)])
     assert shaft.normals is not None
