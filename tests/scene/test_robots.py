@@ -144,7 +144,9 @@ def test_lights_have_physical_units(robot):
     assert bulb.intensity == pytest.approx(full, rel=1e-6)  # falls off by itself
     assert (candles.intensity, candles.radius) == (7, pytest.approx(0.1))
     assert lights["headlight"].illuminance == pytest.approx(full)
-    sky = sv.load(robot).environment.image
+    sky = sv.load(robot).environment
+    assert 0.05 < sky.flux / (4 * np.pi * WHITE) <= 0.4 + 1e-6  # of a white one all around
+    sky = sky.image
     np.testing.assert_allclose(sky[0, 0], WHITE * linear((0, 0, 1)), atol=0.2)  # at the top
     np.testing.assert_allclose(sky[-1, 0], WHITE * linear((1, 0, 0)), atol=0.2)
 

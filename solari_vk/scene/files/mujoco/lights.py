@@ -20,6 +20,8 @@ from solari_vk.scene.lights.punctual import PointLight, SpotLight
 
 FULL = math.pi * WHITE
 """Lux of a diffuse color of 1."""
+BRIGHTEST_SKY = 0.4
+"""Of what a sky of `surfaces.WHITE` all around would give: brighter ones are dimmed to it."""
 _HALF = math.sqrt(0.5)  # the share of a spotlight's ramp whose square is a half
 _WIDEST = math.radians(89.9)
 
@@ -71,6 +73,9 @@ def environment_of(mujoco: Any, model: Any, lights: Any) -> Environment | None:
     for number in (*pictures, *skies):
         pixels = texels(model, number)
         if len(pixels) % pixels.shape[1] == 0:  # faces, and no picture of another kind
-            return Environment(sky_image(pixels), name=model.texture(number).name)
+            found = Environment(sky_image(pixels), name=model.texture(number).name)
+            # MuJoCo's sky is a background that lights nothing; files have lights that are enough without it.
+            found.intensity = min(1.0, BRIGHTEST_SKY * 4 * FULL / max(found.flux, 1e-9))
+            return found
     ambient = sum((np.array(light.ambient, np.float64) for light in lights), np.zeros(3))
     return Environment(WHITE * ambient, name="ambient") if ambient.any() else None
