@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import sys
 from typing import Any
 
@@ -13,9 +14,10 @@ from solari_vk.output.tone_mapping import TONEMAPS
 from solari_vk.scene.matrices import transform_points
 from solari_vk.scene.model import Instance
 from solari_vk.studio.viewer import markers
-from solari_vk.studio.viewer.camera_control import extent_of
+from solari_vk.studio.viewer.camera_control import TURN, extent_of
 from solari_vk.studio.viewer.controls import KEYS_HELP
-from solari_vk.studio.viewer.edit_actions import EditActions
+from solari_vk.studio.viewer.edit_actions import NO_PANELS, EditActions
+from solari_vk.studio.viewer.gestures import BoxGesture
 from solari_vk.studio.viewer.picking import Pick, pick_at
 from solari_vk.studio.viewer.pictures import MODES
 from solari_vk.studio.viewer.screenshot import edit_lines, take_screenshot
@@ -23,6 +25,16 @@ from solari_vk.studio.viewer.session import Session
 
 DIVIDER_STEP = 0.02  # share of the window's width
 EXPOSURE_STEP = 1 / 3  # stops
+ORBIT_STEP = math.radians(15)
+SIDES = {
+    "front": ((0, 0, -1), (0, 1, 0)),
+    "back": ((0, 0, 1), (0, 1, 0)),
+    "right": ((-1, 0, 0), (0, 1, 0)),
+    "left": ((1, 0, 0), (0, 1, 0)),
+    "top": ((0, -1, 0), (0, 0, -1)),
+    "bottom": ((0, 1, 0), (0, 0, 1)),
+}
+"""Where the camera looks and what is up in the picture. The front is where +z is, as in glTF."""
 Cursor = tuple[float, float]
 
 
@@ -60,6 +72,24 @@ class Actions(EditActions):
     def reset(self) -> None:
         self._session.camera_control.reset()
         self._session.pictures.cut()
+
+    def look_from(self, side: str) -> None:
+        """Look from one of SIDES at what is seen in the middle."""
+        direction, up = SIDES[side]
+        self._session.camera_control.look_along(direction, up)
+        self._session.pictures.cut()
+        self._session.say(f"view from the {side}")
+
+    def orbit(self, turn: tuple[float, float]) -> None:
+        """Go around what is seen in the middle: by so many steps of 15 degrees to the right and up."""
+        control = self._session.camera_control
+        # A drag to the left takes the camera to the right, one down takes it up.
+        control.orbit(-turn[0] * ORBIT_STEP / TURN, turn[1] * ORBIT_STEP / TURN, control.center)
+
+    def orthographic(self) -> None:
+        is_orthographic = self._session.camera_control.toggle_orthographic()
+        self._session.pictures.cut()
+        self._session.say("orthographic view" if is_orthographic else "perspective view")
 
     def copy_pose(self) -> None:
         self._session.window.clipboard = self._session.camera_control.copy_pose()
@@ -129,6 +159,13 @@ class Actions(EditActions):
         if self._session.shows_help and not self._session.has_panels:
             print("\n".join(f"{keys:>26}  {meaning}" for keys, meaning in KEYS_HELP), file=sys.stderr)
 
+    def add_menu(self) -> None:
+        """Open the menu of what can be added, at the cursor."""
+        session = self._session
+        session.opens_add_menu = session.has_panels and session.shows_panels
+        if not session.opens_add_menu:
+            session.say("the menu is a part of the panels: Tab shows them" if session.has_panels else NO_PANELS)
+
     def panels(self) -> None:
         self._session.shows_panels = not self._session.shows_panels
 
@@ -151,6 +188,18 @@ class Actions(EditActions):
 
     def fullscreen(self) -> None:
         self._session.window.toggle_fullscreen()
+
+    def pick_all(self) -> None:
+        """Pick all objects that are seen and not locked, and the lights and cameras that have a place."""
+        session = self._session
+        placed = [item for item in (*session.scene.cameras, *session.scene.lights) if hasattr(item, "position")]
+        found = [*placed, *(instance for instance in session.scene.instances if instance.visible)]
+        session.pick_only(item for item in found if item not in session.locked)
+        session.say(f"{len(session.picked)} picked")
+
+    def box(self, begun: Cursor | None = None) -> None:
+        """Let the user drag a box around what is to be picked. begun: where the button was pressed already."""
+        self._session.gesture = BoxGesture(self._session, begun)
 
     def pick(self, cursor: Cursor) -> None:
         """Pick what is at the cursor: a mark of a light or a camera, or else an instance."""

@@ -118,7 +118,7 @@ class Viewer(Session):
             if beside is not None:
                 self.beside = SecondScene(device, beside, pictures, beside_name or beside.name or "second")
                 undo.callback(self.beside.close)
-            self.controls = Controls(self.camera_control, self.act, lambda: self.layout.picture)
+            self.controls = Controls(self.camera_control, self.act, lambda: self.layout.picture, lambda: self.gesture)
             self._renderer = ProgressiveRenderer(self, self._show_panels)
             undo.callback(self._renderer.close)
             self.overlay = self._open_overlay() if overlay else None
@@ -156,6 +156,7 @@ class Viewer(Session):
         """Do one of the actions: a method of actions.Actions. A user's mistake is shown in the window.
 
         A screenshot waits for a picture of the scene as it is now."""
+        self.cursor = self.controls.cursor
         if name == "screenshot" and self.pictures.ready and not self._is_current():
             self._wants_screenshot = True
             return None
@@ -225,8 +226,11 @@ class Viewer(Session):
                 # Once for what the cursor is over, and once for what ImGui says only of its last frame.
                 overlay.lay_out(0.0)
                 overlay.lay_out(0.0)
-            keys, mouse = overlay.handle_events(part)
-            self.controls.handle(part, takes_keys=keys, takes_mouse=mouse)
+            # What is going on takes keys and buttons; the panels only see what ends, and where the cursor is.
+            shown = part if self.gesture is None else [event for event in part if _is_seen_by_all(event)]
+            keys, mouse = overlay.handle_events(shown)
+            is_going_on = self.gesture is not None
+            self.controls.handle(part, takes_keys=keys or is_going_on, takes_mouse=mouse or is_going_on)
 
     def _show_panels(self) -> None:
         """Between two passes of a slow frame: the panels follow the cursor, over the latest picture."""
@@ -330,3 +334,8 @@ class Viewer(Session):
 
     def __exit__(self, *_: object) -> None:
         self.close()
+
+
+def _is_seen_by_all(event: Event) -> bool:
+    """Whether an event begins nothing."""
+    return event.kind in ("cursor", "focus") or (event.kind in ("key", "button") and not event.pressed)

@@ -196,6 +196,29 @@ class CameraControl:
         half = math.atan(math.tan(min(self.camera.vertical_fov, WIDEST) / 2) * narrow)
         self._look_from(point, radius / math.sin(half))
 
+    def look_along(self, direction: ArrayLike, up: ArrayLike) -> None:
+        """Look in a direction at what is seen in the middle, from as far away; up: what points up in the picture."""
+        center = self.center
+        y, z = np.asarray(up, np.float64), -np.asarray(direction, np.float64)
+        turn = np.stack([np.cross(y, z), y, z], axis=1)
+        transform = self.camera.transform.copy()
+        # A camera's axes may have other lengths than 1.
+        transform[:3, :3] = turn * np.linalg.norm(transform[:3, :3], axis=0)
+        self._jump(transform)
+        self._look_from(center, self.distance)
+
+    def toggle_orthographic(self) -> bool:
+        """Switch between an orthographic and a perspective view that shows as much in its middle; returns whether it is
+        orthographic now. Raises SolariError for a camera with a lens."""
+        center = self.center
+        height = self.seen_height
+        if not self.camera.orthographic_height:
+            self.camera.update(orthographic_height=height)
+            return True
+        self.camera.update(orthographic_height=0.0)
+        self._look_from(center, height / (2 * math.tan(min(self.camera.vertical_fov, WIDEST) / 2)))
+        return False
+
     def focus_home(self) -> None:
         """Look at what the first view showed in its middle, from as far away, keeping the view direction."""
         self._look_from(self._home_point, self._home_distance)

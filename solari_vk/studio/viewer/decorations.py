@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from solari_vk.scene.matrices import transform_points
 from solari_vk.scene.model import Camera, Instance
 from solari_vk.studio.viewer import markers
+from solari_vk.studio.viewer.gestures import BoxGesture, TransformGesture
 from solari_vk.studio.viewer.outline import COLOR, Outline
 from solari_vk.studio.viewer.overlay_renderer import OverlayRenderer
 from solari_vk.studio.viewer.session import Session
@@ -25,6 +26,8 @@ SHADOW = 0xC0000000
 PICKED = int.from_bytes(COLOR, "little")
 LIGHT = 0xFF66E0FF
 CAMERA = 0xFFE0C090
+AXIS_COLORS = (0xFF5050F0, 0xFF50D050, 0xFFF08050)  # of x, y and z
+INSIDE = 0x20FFFFFF
 OUTLINE = "outline"
 
 
@@ -53,6 +56,7 @@ class Decorations:
             self._draw_band(lines)
         if len(session.columns()) > 1:
             self._draw_columns(lines)
+        self._draw_gesture(lines)
         lines.pop_clip_rect()
 
     # ---- what is picked -----------------------------------------------------------------------------
@@ -122,6 +126,23 @@ class Decorations:
                 end = item.position + 0.15 * session.camera_control.seen_height * np.asarray(axis, np.float64)
                 [place] = markers.project(session.camera, end[None], session.layout.picture)
                 _line(lines, np.array((x, y)), place, color)
+
+    # ---- what is going on ---------------------------------------------------------------------------
+
+    def _draw_gesture(self, lines: Any) -> None:
+        """The axes along which something moves, and the box that picks."""
+        gesture = self._session.gesture
+        if isinstance(gesture, BoxGesture) and gesture.corners is not None:
+            low, high = (imgui.ImVec2(*corner) for corner in gesture.corners)
+            lines.add_rect_filled(low, high, INSIDE)
+            lines.add_rect(low, high, WHITE)
+        elif isinstance(gesture, TransformGesture):
+            transforming = gesture.transforming
+            for number, start, end in transforming.guides():
+                _line(lines, start, end, AXIS_COLORS[number])
+            center = transforming.sight.project(transforming.pivot)
+            if np.isfinite(center).all():
+                lines.add_circle_filled(imgui.ImVec2(*center), 3.0, PICKED)
 
     # ---- pictures side by side ----------------------------------------------------------------------
 

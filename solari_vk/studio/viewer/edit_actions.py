@@ -2,27 +2,28 @@
 
 from __future__ import annotations
 
-import math
+import dataclasses
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from solari_vk.scene.lights.environment import EnvironmentLight
 from solari_vk.scene.lights.light import Light
 from solari_vk.scene.material import Texture, TextureImage
 from solari_vk.scene.model import Camera, Instance
-from solari_vk.scene.observable import Checked
-from solari_vk.scene.placement import Placed
-from solari_vk.studio.viewer.new_lights import LIGHTS, new_light
+from solari_vk.studio.viewer.gestures import TransformGesture
+from solari_vk.studio.viewer.history import Edit, Presence
+from solari_vk.studio.viewer.new_objects import LIGHTS, new_light, new_shape
 from solari_vk.studio.viewer.opening import add_file, is_map, open_file, surround
+from solari_vk.studio.viewer.placing import transform_of
 from solari_vk.studio.viewer.saving import files_of, free_path, save_scene
 from solari_vk.studio.viewer.session import GIZMOS, Question, Session
 from solari_vk.studio.viewer.window import Event
 
 TEXTURE_FILES = (".png", ".jpg", ".jpeg", ".webp", ".ktx2", ".dds")
+NO_PANELS = "this needs the panels: pip install 'solari-vk[viewer]'"
 NUDGE = 0.02  # share of the picture's height
 AXES = {"right": 0, "left": 0, "up": 1, "down": 1, "nearer": 2, "away": 2}
 
@@ -54,6 +55,63 @@ class EditActions:
         elif not free:
             self._session.say(f"{picked[-1].describe()} is locked")
         return free
+
+    def move_picked(self) -> bool:
+        return self._begin("move")
+
+    def turn_picked(self) -> bool:
+        return self._begin("turn")
+
+    def scale_picked(self) -> bool:
+        return self._begin("scale")
+
+    def _begin(self, kind: str, made: Sequence[Edit] = (), before: Sequence[Any] = ()) -> bool:
+        """Let the cursor move, turn or scale what is picked; returns whether something is. made, before: edits and what
+        was picked ahead of them, for cancelling."""
+        session = self._session
+        picked = self._picked()
+        placed = [item for item in picked if transform_of(item, session.camera_control.center) is not None]
+        if placed:
+            session.message = ""
+            session.gesture = TransformGesture(session, kind, placed, made, before)
+        elif picked:
+            session.say(f"{picked[-1].describe()} has no place")
+        return bool(picked)
+
+    def duplicate(self) -> bool:
+        """Add copies of what is picked, which share meshes and materials with it, and let the cursor move them."""
+        session = self._session
+        scene = session.scene
+        before = self._picked()
+        originals = [item for item in before if not isinstance(item, EnvironmentLight)]
+        made = []
+        for item in originals:
+            holder: Any = next(items for items in (scene.instances, scene.lights, scene.cameras) if item in items)
+            copy = dataclasses.replace(item)
+            copy.name = _free_name(_without_number(item.name), holder.names)
+            made.append(Presence(holder, copy, len(holder), True))
+            made[-1].redo()
+        if made:
+            session.pick_only(edit.item for edit in made)
+            self._begin("move", made, before)
+        elif before:
+            session.say("what surrounds the scene is there once")
+        return bool(before)
+
+    def own_material(self) -> None:
+        """Give what is picked a copy of the material of the object that was picked last."""
+        session = self._session
+        last = session.selected
+        if not isinstance(last, Instance):
+            session.say("materials belong to objects: pick one")
+            return
+        shared = last.material
+        material = dataclasses.replace(shared)
+        material.name = _free_name(_without_number(shared.name) or "material", session.scene.materials.names)
+        users = [item for item in self._picked() if isinstance(item, Instance) and item.material is shared]
+        session.edit_all(
+            f"a material of its own for {last.describe()}", [(item, {"material": material}) for item in users]
+        )
 
     def next_gizmo(self) -> None:
         session = self._session
@@ -165,10 +223,18 @@ class EditActions:
         elif self._session.picked:
             self._session.say("textures belong on instances: pick one")
 
-    # ---- lights -------------------------------------------------------------------------------------
+    # ---- adding -------------------------------------------------------------------------------------
+
+    def add_shape(self, kind: str) -> None:
+        """Add an object of one of new_objects.SHAPES where the camera looks, and pick it."""
+        session = self._session
+        made = new_shape(kind, session.camera_control)
+        made.name = _free_name(kind, session.scene.instances.names)
+        session.history.add(session.scene.instances, made)
+        session.selected = made
 
     def add_light(self, kind: str) -> None:
-        """Add a light of one of new_lights.LIGHTS where the camera looks, and pick it."""
+        """Add a light of one of new_objects.LIGHTS where the camera looks, and pick it."""
         session = self._session
         made = new_light(kind, session.camera_control)
         made.name = _free_name(LIGHTS[kind][0], session.scene.lights.names)
@@ -239,13 +305,19 @@ class EditActions:
         self._ask_about_edits(f"open {Path(path).name}", lambda: open_file(self._session, Path(path)))
 
     def close(self) -> None:
+        """Cancel what is going on; if that is nothing, ask whether to close the window."""
         session = self._session
+        text = "Close the window?"
         if session.question is not None and session.has_panels:
             session.question = None
         elif session.shows_help:
             session.shows_help = False
-        else:
+        elif session.history.unsaved or (session.question is not None and session.question.text == text):
             self.close_window()
+        else:
+            session.question = Question(text, {"close": self.close_window})
+            if not session.has_panels:
+                session.warn("Esc once more closes the window")
 
     def close_window(self) -> None:
         def close() -> None:
@@ -278,6 +350,12 @@ class EditActions:
             question.answers[words]()
 
 
+def _without_number(name: str) -> str:
+    """A name without the number that `_free_name` puts behind it."""
+    start, _, number = name.rpartition(" ")
+    return start if start and number.isdecimal() else name
+
+
 def _free_name(name: str, names: Iterable[str]) -> str:
     """The name, or with the first number behind it that makes it another one than these."""
     others = set(names)
@@ -287,34 +365,3 @@ def _free_name(name: str, names: Iterable[str]) -> str:
         number += 1
         found = f"{name} {number}"
     return found
-
-
-def move_to(item: Checked, transform: NDArray[np.float64]) -> dict[str, Any]:
-    """The fields of an instance, a camera or a light, if it had a transform (4, 4), along whose -z axis a light
-    shines."""
-    if isinstance(item, Placed):
-        return {"transform": transform}
-    fields: dict[str, Any] = {}
-    if hasattr(item, "position"):
-        fields["position"] = transform[:3, 3]
-    if hasattr(item, "direction"):
-        fields["direction"] = -transform[:3, 2] / np.linalg.norm(transform[:3, 2])
-    return fields
-
-
-def transform_of(item: Checked, fallback: NDArray[np.float64]) -> NDArray[np.float64] | None:
-    """The transform (4, 4) that `move_to` takes, None for what has no place. fallback: the position (3,) of what only
-    has a direction, such as a sun."""
-    if isinstance(item, Placed):
-        return item.transform
-    if not hasattr(item, "position") and not hasattr(item, "direction"):
-        return None
-    back = -np.asarray(getattr(item, "direction", (0, 0, -1)), np.float64)
-    # Any axes that make a rotation with the direction. Near the vertical another up vector keeps the product long.
-    is_steep = abs(back[1]) >= math.cos(0.05) * np.linalg.norm(back)
-    up = np.array((0.0, 0.0, 1.0) if is_steep else (0.0, 1.0, 0.0))
-    right = np.cross(up, back)
-    made = np.eye(4)
-    made[:3, :3] = np.stack([axis / np.linalg.norm(axis) for axis in (right, np.cross(back, right), back)], axis=1)
-    made[:3, 3] = getattr(item, "position", fallback)
-    return made

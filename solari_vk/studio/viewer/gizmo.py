@@ -10,8 +10,7 @@ from imgui_bundle import imgui, imguizmo
 from numpy.typing import NDArray
 
 from solari_vk.scene.camera import Camera
-from solari_vk.scene.model import Instance
-from solari_vk.studio.viewer.edit_actions import move_to, transform_of
+from solari_vk.studio.viewer.placing import middle_of, move_to, transform_of
 from solari_vk.studio.viewer.session import Session
 
 gizmo = imguizmo.im_guizmo
@@ -39,7 +38,9 @@ class Gizmo:
         transform = transform_of(item, session.camera_control.center)
         if transform is None:
             return
-        pivot = _pivot(item)
+        # From where the handles are to the object's space.
+        pivot = np.eye(4)
+        pivot[:3, 3] = middle_of(item)
         area = session.layout.picture
         camera = session.camera
         gizmo.set_orthographic(bool(camera.orthographic_height))
@@ -110,15 +111,6 @@ def projection(camera: Camera, aspect: float) -> NDArray[np.float64]:
         made[3, 2] = -1
         made[0, 2], made[1, 2] = -x, y
     made[0, 0] = made[1, 1] * camera.pixel_aspect / aspect
-    return made
-
-
-def _pivot(item: Any) -> NDArray[np.float64]:
-    """From where the handles are to the object's space, (4, 4): in the middle of the mesh of an instance."""
-    made = np.eye(4)
-    if isinstance(item, Instance):
-        positions = item.mesh.positions
-        made[:3, 3] = (positions.min(axis=0).astype(np.float64) + positions.max(axis=0)) / 2
     return made
 
 

@@ -165,6 +165,16 @@ class History:
         edits = [Assignment(item, {name: values[name]}, {name: before[name]}) for name in values]
         self._append(Several(text, edits))
 
+    def try_out(self, values: Sequence[tuple[Any, dict[str, Any]]]) -> None:
+        """Assign fields of several objects without an edit, as while the user hasn't decided: all, or none if one is
+        refused."""
+        _all_or_none([Assignment(item, fields, _snapshot_of(item, fields)) for item, fields in values], "redo", "undo")
+
+    def keep(self, text: str, before: Sequence[tuple[Any, dict[str, Any]]], others: Sequence[Edit] = ()) -> None:
+        """Make one edit of what was tried out. before: the fields as they were. others: what was done ahead of it."""
+        tried = [Assignment(item, _snapshot_of(item, fields), fields) for item, fields in before]
+        self.record(text, [*others, *tried])
+
     def add(self, items: Items[Any], *added: Any) -> None:
         """Add objects to the end of a collection of the scene."""
         self.replace(items, (), added)

@@ -13,6 +13,7 @@ from solari_vk.scene.lights.light import Light, kelvin
 from solari_vk.scene.matrices import rotation
 from solari_vk.scene.model import Camera, Instance, Scene
 from solari_vk.scene.observable import Checked
+from solari_vk.studio.viewer.actions import act
 from solari_vk.studio.viewer.material_panel import MaterialPanel, Show
 from solari_vk.studio.viewer.session import Session
 from solari_vk.studio.viewer.widgets import as_edit, color, drag, hint
@@ -76,7 +77,11 @@ class ObjectPanel:
         users = users_of(self._session.scene, instance)
         imgui.separator_text(f"material: {instance.material.name or 'unnamed'}")
         if users > 1:
-            imgui.text_disabled(f"used by {users} objects, all of which change")
+            imgui.text_disabled(f"used by {users} objects")
+            imgui.same_line()
+            if imgui.small_button("make its own"):
+                act(self._session, "own_material")
+            hint("Edits change all objects that have this material. A copy of it is this object's alone.")
         self._material.lay_out(instance.material)
 
     def _transform(self, item: Any) -> None:

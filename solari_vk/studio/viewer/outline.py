@@ -8,27 +8,55 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from solari_vk.bound.constants import NO_INDEX
 from solari_vk.scene.model import Instance
 from solari_vk.studio.viewer.pictures import Pictures
 
 COLOR = (255, 160, 40, 255)  # sRGB and alpha
 
 
-def covered(pictures: Pictures, instances: Sequence[Instance]) -> NDArray[np.bool_] | None:
-    """The pixels (height, width) of the latest picture that show these instances; None before there is a picture."""
+def _instance_numbers(pictures: Pictures) -> NDArray[np.uint32] | None:
+    """The number of the instance in each pixel (height, width) of the latest picture, as the binder counts them; None
+    before there is a picture."""
     if not pictures.ready or pictures.camera is None:
         return None
     if pictures.mode == "reference":
         assert pictures.reference is not None
-        numbers = pictures.reference.tracer["instance_id"]
-    else:
-        assert pictures.realtime is not None
-        # The G-buffer's depth is near / distance, 0 for the background, whose surface is left from earlier frames.
-        numbers = pictures.realtime["gbuffer_surface"][..., 1]
-        numbers = np.where(pictures.realtime["gbuffer_depth"][..., 0] > 0, numbers, np.uint32(0xFFFFFFFF))
+        numbers: NDArray[np.uint32] = pictures.reference.tracer["instance_id"]
+        return numbers
+    assert pictures.realtime is not None
+    # The G-buffer's depth is near / distance, 0 for the background, whose surface is left from earlier frames.
+    numbers = pictures.realtime["gbuffer_surface"][..., 1]
+    return np.where(pictures.realtime["gbuffer_depth"][..., 0] > 0, numbers, np.uint32(NO_INDEX))
+
+
+def covered(pictures: Pictures, instances: Sequence[Instance]) -> NDArray[np.bool_] | None:
+    """The pixels (height, width) of the latest picture that show these instances; None before there is a picture."""
+    numbers = _instance_numbers(pictures)
+    if numbers is None:
+        return None
     rows = [row for row, other in pictures.binder.instances.items() if any(other is instance for instance in instances)]
     found: NDArray[np.bool_] = np.isin(numbers, np.array(rows, numbers.dtype))
     return found
+
+
+def shares_within(pictures: Pictures, low: tuple[float, float], high: tuple[float, float]) -> dict[Instance, float]:
+    """The share of each instance's pixels that are in a rectangle of the latest picture, between two corners (x, y)
+    from (0, 0) to (1, 1); of instances that are seen."""
+    numbers = _instance_numbers(pictures)
+    if numbers is None:
+        return {}
+    height, width = numbers.shape
+    begin = np.clip(np.floor(np.multiply(low, (width, height))), 0, (width, height)).astype(int)
+    end = np.clip(np.ceil(np.multiply(high, (width, height))), 0, (width, height)).astype(int)
+    seen, counts = np.unique(numbers, return_counts=True)
+    inside, inside_counts = np.unique(numbers[begin[1] : end[1], begin[0] : end[0]], return_counts=True)
+    within = dict(zip(inside.tolist(), inside_counts.tolist(), strict=True))
+    known = pictures.binder.instances
+    found = {
+        known.get(row): within.get(row, 0) / count for row, count in zip(seen.tolist(), counts.tolist(), strict=True)
+    }
+    return {instance: share for instance, share in found.items() if instance is not None}
 
 
 def outline(inside: NDArray[np.bool_]) -> NDArray[np.uint8]:

@@ -1,4 +1,4 @@
-"""The list of what is in the scene, by which objects are picked, hidden, locked, added and removed."""
+"""The tree of what is in the scene, by which objects are picked, hidden, locked, added and removed."""
 
 from __future__ import annotations
 
@@ -8,15 +8,18 @@ from typing import Any
 
 from imgui_bundle import imgui
 
-from solari_vk.scene.model import Camera, Instance
+from solari_vk.scene.group import Group
+from solari_vk.scene.model import Camera, Instance, Scene
 from solari_vk.studio.viewer.actions import act
-from solari_vk.studio.viewer.new_lights import LIGHTS
+from solari_vk.studio.viewer.new_objects import LIGHTS, SHAPES
 from solari_vk.studio.viewer.session import Session
 from solari_vk.studio.viewer.theme import FREE, HIDDEN, LOCKED, SHOWN
 from solari_vk.studio.viewer.widgets import hint, toggle
 
 MAX_ROWS = 500  # that a list shows; the others are found by a part of their name, or picked in the picture
 ROWS_HIGH = 9  # rows of the list that are seen at once
+OPEN = imgui.TreeNodeFlags_.default_open
+GROUP = imgui.TreeNodeFlags_.open_on_arrow | imgui.TreeNodeFlags_.open_on_double_click
 
 
 class Outliner:
@@ -27,25 +30,29 @@ class Outliner:
         self._filter = ""
 
     def lay_out(self) -> None:
-        """Lay out a field for a part of a name, the list, and buttons that add to it."""
+        """Lay out a menu that adds to the scene, a field for a part of a name, and the tree."""
         scene = self._session.scene
+        if imgui.button("+ add"):
+            imgui.open_popup("add")
+        hint("Add a shape, a light or a camera (Shift+A).")
+        imgui.same_line()
         imgui.set_next_item_width(-1)
         _, self._filter = imgui.input_text_with_hint("##filter", "find by name", self._filter)
-        height = ROWS_HIGH * imgui.get_text_line_height_with_spacing()
+        # A third of the panels at most, so that in a small window what is picked is seen below.
+        height = min(ROWS_HIGH * imgui.get_text_line_height_with_spacing(), imgui.get_window_height() / 3)
         imgui.begin_child("list", imgui.ImVec2(0, height), imgui.ChildFlags_.borders | imgui.ChildFlags_.resize_y)
         surrounding = scene.environment.lights if scene.environment else ()
-        self._list("instances", list(scene.instances))
-        self._list("lights", [light for light in scene.lights if light not in surrounding])
-        self._list("cameras", list(scene.cameras))
+        # A search finds objects in closed groups too, so that it lists all.
+        roots = [] if self._filter.strip() else roots_of(scene)
+        grouped = {item for group in roots for item in group.items}
+        if roots and imgui.tree_node_ex(f"groups ({len(scene.groups)})###groups", OPEN):
+            for number, group in enumerate(roots):
+                self._member(number, group)
+            imgui.tree_pop()
+        self._list("instances", [item for item in scene.instances if item not in grouped])
+        self._list("lights", [item for item in scene.lights if item not in surrounding and item not in grouped])
+        self._list("cameras", [item for item in scene.cameras if item not in grouped])
         imgui.end_child()
-        for kind, (_, meaning) in LIGHTS.items():
-            if imgui.button(f"+ {kind}"):
-                act(self._session, "add_light", kind)
-            hint(f"Add {meaning}.")
-            imgui.same_line()
-        if imgui.button("+ camera"):
-            act(self._session, "add_camera")
-        hint("Add the view as a camera of the scene.")
         if scene.warnings and imgui.tree_node(f"warnings ({len(scene.warnings)})###warnings"):
             for warning in scene.warnings:
                 imgui.text_wrapped(warning)
@@ -55,7 +62,7 @@ class Outliner:
         if not items:
             return
         # ### makes the rest the whole identity, so that the tree stays open when the number before it changes.
-        if imgui.tree_node_ex(f"{title} ({len(items)})###{title}", imgui.TreeNodeFlags_.default_open):
+        if imgui.tree_node_ex(f"{title} ({len(items)})###{title}", OPEN):
             wanted = self._filter.strip().lower()
             named = ((item.name or f"{title[:-1]} {number}", item) for number, item in enumerate(items))
             found = ((name, item) for name, item in named if wanted in name.lower())
@@ -64,6 +71,64 @@ class Outliner:
                 self._row(name, item)
                 imgui.pop_id()
             if next(found, None) is not None:
+                imgui.text_disabled("... and more: find them by name, or click on them")
+            imgui.tree_pop()
+
+    def add_menu(self) -> None:
+        """The menu of what can be added, also while the tree is closed."""
+        session = self._session
+        if session.opens_add_menu:
+            session.opens_add_menu = False
+            imgui.open_popup("add")
+        if not imgui.begin_popup("add"):
+            return
+        for kind in SHAPES:
+            if imgui.menu_item_simple(kind):
+                act(session, "add_shape", kind)
+        imgui.separator()
+        for kind, (_, meaning) in LIGHTS.items():
+            if imgui.menu_item_simple(f"{kind} light"):
+                act(session, "add_light", kind)
+            hint(f"Add {meaning}.")
+        imgui.separator()
+        if imgui.menu_item_simple("camera"):
+            act(session, "add_camera")
+        hint("Add the view as a camera of the scene.")
+        imgui.end_popup()
+
+    def _member(self, number: int, member: Any) -> None:
+        """A row of a group or of an object in a group."""
+        imgui.push_id(number)
+        name = member.name or f"{type(member).__name__.lower()} {number}"
+        if isinstance(member, Group):
+            self._group(name, member)
+        else:
+            self._row(name, member)
+        imgui.pop_id()
+
+    def _group(self, name: str, group: Group) -> None:
+        """A group, whose name picks all that is in it, and below it what is in it."""
+        session = self._session
+        present = members_of(session.scene, group)
+        objects = [item for item in group.items if _is_there(session.scene, item)]
+        instances = [item for item in objects if isinstance(item, Instance)]
+        visible = any(item.visible for item in instances)
+        if toggle(f"{SHOWN if visible else HIDDEN}##shown", visible, "Show or hide the group."):
+            text = f"{'hiding' if visible else 'showing'} {group.describe()}"
+            session.edit_all(text, [(item, {"visible": not visible}) for item in instances])
+        imgui.same_line()
+        is_picked = bool(objects) and set(objects) <= set(session.picked)
+        picked = imgui.TreeNodeFlags_.selected if is_picked else 0
+        is_open = imgui.tree_node_ex(f"{name} ({len(objects)})###group", GROUP | picked)
+        if imgui.is_item_clicked() and not imgui.is_item_toggled_open():
+            io = imgui.get_io()
+            before = session.picked if io.key_shift or io.key_ctrl else []
+            others = [item for item in objects if item not in session.locked and item not in before]
+            session.pick_only([*before, *others])
+        if is_open:
+            for number, member in enumerate(present[:MAX_ROWS]):
+                self._member(number, member)
+            if len(present) > MAX_ROWS:
                 imgui.text_disabled("... and more: find them by name, or click on them")
             imgui.tree_pop()
 
@@ -116,3 +181,20 @@ class Outliner:
             self._session.pick_also(item)
         else:
             self._session.selected = item
+
+
+def roots_of(scene: Scene) -> list[Group]:
+    """The groups that are in no other group."""
+    groups = list(scene.groups)
+    inside = {member for group in groups for member in group if isinstance(member, Group)}
+    return [group for group in groups if group not in inside]
+
+
+def members_of(scene: Scene, group: Group) -> list[Any]:
+    """What is in a group itself, groups first; without what was removed from the scene."""
+    groups = [member for member in group if isinstance(member, Group)]
+    return groups + [member for member in group if _is_there(scene, member)]
+
+
+def _is_there(scene: Scene, item: Any) -> bool:
+    return item in scene.instances or item in scene.lights or item in scene.cameras

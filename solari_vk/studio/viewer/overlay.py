@@ -95,13 +95,21 @@ class Overlay:
                     self._handle_key(io, event)
         # These flags are those of the latest frame that was laid out. ImGuizmo isn't a window, so ImGui doesn't know
         # that it wants the mouse.
-        # While something is dragged, Escape isn't meant for the window.
-        drags = imgui.is_any_item_active() or self._gizmo.drags
+        # While something is dragged or a menu is open, Escape isn't meant for the window.
+        drags = imgui.is_any_item_active() or self._gizmo.drags or self.has_menu
         return not (io.want_text_input or drags), not (io.want_capture_mouse or self._gizmo.busy)
+
+    @property
+    def has_menu(self) -> bool:
+        """Whether a menu is open."""
+        imgui.set_current_context(self._context)
+        return bool(imgui.is_popup_open("", imgui.PopupFlags_.any_popup))
 
     def _handle_key(self, io: Any, event: Event) -> None:
         for bit, key in _MODIFIERS.items():
             io.add_key_event(key, bool(event.modifiers & bit))
+        if event.code == glfw.KEY_ESCAPE and event.pressed:
+            imgui.internal.close_popups_except_modals()
         if event.code in _KEYS:
             io.add_key_event(_KEYS[event.code], event.pressed)
 
@@ -175,7 +183,7 @@ class Overlay:
                 imgui.same_line()
             self._probe.update()
             room = layout.status.width - imgui.get_cursor_pos_x() - 8
-            probe = self._probe.text
+            probe = "" if session.gesture else self._probe.text
             imgui.text_unformatted(status_line(session, probe, room, lambda text: imgui.calc_text_size(text).x))
             # The probe stands at the right edge, where it doesn't move as the text before it changes.
             imgui.same_line(layout.status.width - imgui.calc_text_size(probe).x - 8)

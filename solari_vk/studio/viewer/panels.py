@@ -48,6 +48,7 @@ class Panels:
         self._files.lay_out()
         if imgui.collapsing_header("Scene", OPEN):
             self._outliner.lay_out()
+        self._outliner.add_menu()
         if self._session.selected is not None and imgui.collapsing_header("Picked", OPEN):
             self._object.lay_out()
         if imgui.collapsing_header("Surroundings"):

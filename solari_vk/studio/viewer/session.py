@@ -6,7 +6,7 @@ from collections import deque
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 from weakref import WeakSet
 
 from solari_vk.scene.model import Camera, Instance, Scene
@@ -24,7 +24,7 @@ from solari_vk.studio.viewer.presenter import Part
 from solari_vk.studio.viewer.refinement import Refinement
 from solari_vk.studio.viewer.reload import Sources
 from solari_vk.studio.viewer.scaling import ScaleControl
-from solari_vk.studio.viewer.window import Window
+from solari_vk.studio.viewer.window import Event, Window
 
 GIZMOS = ("none", "move", "turn", "scale")
 
@@ -35,6 +35,21 @@ class Question:
 
     text: str
     answers: dict[str, Callable[[], object]]
+
+
+class Gesture(Protocol):
+    """What keys begin, such as moving what is picked; until it ends it takes the keys and the buttons."""
+
+    @property
+    def text(self) -> str:
+        """What it does, for the status line."""
+
+    @property
+    def keys(self) -> str:
+        """What keys and buttons do meanwhile."""
+
+    def handle(self, event: Event) -> None: ...
+    def cancel(self) -> None: ...
 
 
 class Session(Messages):
@@ -79,9 +94,13 @@ class Session(Messages):
         self.refinement = Refinement()
         self.question: Question | None = None
         """What the user is asked before something else happens."""
+        self.gesture: Gesture | None = None
+        """What the user is about to do, None for nothing."""
         self.gizmo = GIZMOS[0]
         self.gizmo_is_local = False
         """What dragging the picked object does, and whether along its own axes."""
+        self.opens_add_menu = False
+        """Whether the panels are to open the menu of what can be added."""
         self.texture_field = "base_color_texture"
         """The field of a material on which a picture from a file is put."""
         self.cursor = (0.0, 0.0)
@@ -133,6 +152,11 @@ class Session(Messages):
         picked = [other for other in before if other is not item]
         if len(picked) == len(before):
             picked.append(item)
+        self.pick_only(picked)
+
+    def pick_only(self, items: Iterable[Checked]) -> None:
+        """Pick these objects and no others; the last one is `selected`."""
+        picked = list(items)
         self.selected = picked[-1] if picked else None
         self._others = picked[:-1]
 
@@ -231,7 +255,7 @@ class Session(Messages):
         self.load_count += 1
 
     def _forget(self) -> None:
-        self.selected = self.pick = self.question = None
+        self.selected = self.pick = self.question = self.gesture = None
         self.history.clear()
 
     def _reload(self, place: str, load: Callable[[], object]) -> bool:

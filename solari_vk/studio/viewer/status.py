@@ -13,7 +13,10 @@ PROBE_INTERVAL = 0.25  # seconds between two looks at the pixel under the cursor
 
 
 def state_in_words(session: Session, *, brief: bool = False) -> str:
-    """The mode, the view, the size that is rendered, the rate, and the progress; brief: the mode and the last one."""
+    """The mode, the view, the size that is rendered, the rate, and the progress; brief: the mode and the last one.
+    While keys or the mouse do something, what that is."""
+    if session.gesture is not None:
+        return session.gesture.text if brief else f"{session.gesture.text}     {session.gesture.keys}"
     pictures = session.pictures
     refinement = session.refinement
     width, height = pictures.rendered_size

@@ -13,9 +13,9 @@ from viewer_tools import make_session
 import solari_vk as sv
 from solari_vk.studio.viewer.actions import act
 from solari_vk.studio.viewer.controls import ACTIONS
-from solari_vk.studio.viewer.edit_actions import move_to, transform_of
 from solari_vk.studio.viewer.history import History
-from solari_vk.studio.viewer.new_lights import LIGHTS
+from solari_vk.studio.viewer.new_objects import LIGHTS
+from solari_vk.studio.viewer.placing import move_to, transform_of
 from solari_vk.studio.viewer.reload import Sources
 from solari_vk.studio.viewer.session import GIZMOS
 from solari_vk.studio.viewer.window import Event
@@ -270,9 +270,16 @@ def test_surroundings_are_switched(session, scene, tmp_path):
 
 
 def test_closing_asks_about_edits(session, scene):
-    act(session, "close")
+    session.has_panels = True
+    for asked in (True, False, True):
+        act(session, "close")
+        assert (session.question is not None, session.window.wants_to_close) == (asked, False), "Esc alone never closes"
+    act(session, "answer", "close")
     assert session.window.wants_to_close
-    session.window.wants_to_close, session.has_panels = False, True
+    session.window.wants_to_close = False
+    act(session, "close_window")
+    assert session.window.wants_to_close, "Ctrl+Q and the window's button do"
+    session.window.wants_to_close = False
     session.edit(scene.materials[0], metallic=1)
     act(session, "close")
     assert session.question is not None
@@ -285,6 +292,14 @@ def test_closing_asks_about_edits(session, scene):
 
 
 def test_closing_without_panels_takes_two_keys(session, scene):
+    act(session, "close")
+    assert (session.window.wants_to_close, session.message) == (False, "Esc once more closes the window")
+    act(session, "brighter")
+    act(session, "close")
+    assert not session.window.wants_to_close
+    act(session, "close")
+    assert session.window.wants_to_close
+    session.window.wants_to_close = False
     session.edit(scene.materials[0], metallic=1)
     for _ in range(2):
         act(session, "close")

@@ -153,12 +153,12 @@ def test_real_keys_and_mouse(open_viewer, tmp_path):
     for words, holds in (
         ("mousemove 80 60 keydown w", lambda: (viewer.camera.transform[:3, 3] != home[:3, 3]).any()),
         ("keyup w", lambda: not viewer.camera_control.pressed),
-        ("key r", lambda: (viewer.camera.transform == home).all()),
+        ("key 0", lambda: (viewer.camera.transform == home).all()),
         ("click 1", lambda: viewer.pick is not None),
         ("mousedown 1 mousemove 110 60", lambda: (viewer.camera.transform[:3, :3] != home[:3, :3]).any()),
-        ("mouseup 1 key r", lambda: (viewer.camera.transform == home).all()),
+        ("mouseup 1 key 0", lambda: (viewer.camera.transform == home).all()),
         ("click 4", lambda: (viewer.camera.transform[:3, 3] != home[:3, 3]).any()),
-        ("key r", lambda: (viewer.camera.transform == home).all()),
+        ("key 0", lambda: (viewer.camera.transform == home).all()),
         ("mousedown 2 mousemove 90 60", lambda: (viewer.camera.transform[:3, 3] != home[:3, 3]).any()),
         ("mouseup 2 keydown w click 4 keyup w", lambda: viewer.camera_control.pace > PACE),
         ("key h", lambda: not viewer.selected.visible),
@@ -168,9 +168,61 @@ def test_real_keys_and_mouse(open_viewer, tmp_path):
         ("key Escape", lambda: not viewer.shows_help),
         ("key Escape", lambda: "Ctrl+S" in viewer.message),
         ("key ctrl+s", lambda: not viewer.history.unsaved),
+        ("key Escape", lambda: "once more" in viewer.message),
         ("key Escape", lambda: viewer.window.wants_to_close),
     ):
         use(viewer, words, holds)
+
+
+def test_real_keys_grab_duplicate_and_pick_by_a_box(open_viewer):
+    """With panels beside the picture, which neither take the typed numbers nor the click that keeps."""
+    viewer = open_viewer(size=(480, 360), scale=0.25)
+    viewer.run(frames=2)
+    glfw.focus_window(viewer.window.handle)
+    scene = viewer.scene
+    block = scene.instances["short block"]
+    viewer.selected = block
+    before = block.transform
+    middle = viewer.layout.picture.width // 2
+    in_panels = viewer.layout.panels.x + 20
+    use(viewer, f"mousemove {middle} 200", lambda: viewer.cursor == (middle, 200))
+    use(viewer, "key g", lambda: viewer.gesture is not None)
+    use(viewer, "key x 1 period 5", lambda: block.position[0] - before[0, 3] == pytest.approx(1.5))
+    shown = viewer.capture()
+    use(viewer, "key BackSpace BackSpace", lambda: block.position[0] - before[0, 3] == pytest.approx(1))
+    assert (viewer.capture()[-20:] != shown[-20:]).any(), "the status line has the number"
+    use(viewer, f"mousemove {in_panels} 100 click 1", lambda: viewer.gesture is None)
+    viewer.run(frames=2)
+    assert (viewer.selected, len(viewer.history.done)) == (block, 1), "the panels didn't get the click"
+    use(viewer, "key ctrl+z", lambda: (block.transform == before).all())
+    use(viewer, "key s", lambda: viewer.gesture is not None)
+    use(viewer, "key minus 2 Return", lambda: viewer.gesture is None)
+    assert np.linalg.det(block.transform[:3, :3]) == pytest.approx(-8 * np.linalg.det(before[:3, :3]))
+    use(viewer, "key ctrl+z", lambda: (block.transform == before).all())
+    use(viewer, "key r", lambda: viewer.gesture is not None)
+    use(viewer, "key shift+y 9 0", lambda: block.rotation[0, 2] == pytest.approx(1))
+    use(viewer, "click 3", lambda: (block.transform == before).all())
+    use(viewer, "key shift+d", lambda: len(scene.instances) == 7)
+    use(viewer, f"mousemove {middle} 150", lambda: (viewer.selected.transform != before).any())
+    use(viewer, "key Escape", lambda: len(scene.instances) == 6)
+    assert not viewer.window.wants_to_close
+    use(viewer, "key Escape", lambda: viewer.question is not None)
+    use(viewer, "key Escape", lambda: viewer.question is None)
+    use(
+        viewer,
+        f"key b mousemove 1 1 mousedown 1 mousemove {middle} 100",
+        lambda: viewer.gesture and viewer.gesture.corners,
+    )
+    end = viewer.layout.picture.width - 2, viewer.layout.picture.height - 2
+    use(viewer, f"mousemove {end[0]} {end[1]} mouseup 1", lambda: len(viewer.picked) == 6)
+    camera = viewer.camera.transform
+    use(viewer, "key KP_7", lambda: viewer.camera.transform[1, 2] == pytest.approx(1))
+    use(viewer, "key KP_5", lambda: viewer.camera.orthographic_height > 0)
+    use(viewer, "key alt+5", lambda: viewer.camera.orthographic_height == 0)
+    use(viewer, "key KP_0", lambda: (viewer.camera.transform == camera).all())
+    use(viewer, "key shift+a", lambda: viewer.overlay.has_menu)
+    use(viewer, "key Escape", lambda: not viewer.overlay.has_menu)
+    assert viewer.question is None
 
 
 def test_real_clicks_on_panels(open_viewer, replace):
