@@ -170,6 +170,16 @@ class RendererBase(Hints):
         self._frame.between = between
 
     @property
+    def meanwhile(self) -> Callable[[], object] | None:
+        """If set together with `between`, this is called again and again while a step runs, which may take seconds. It
+        must not use the renderer."""
+        return self._frame.meanwhile
+
+    @meanwhile.setter
+    def meanwhile(self, meanwhile: Callable[[], object] | None) -> None:
+        self._frame.meanwhile = meanwhile
+
+    @property
     def timings(self) -> dict[str, float]:
         """GPU milliseconds of each pass in the latest finished frame."""
         return self._frame.timings

@@ -38,7 +38,7 @@ class Group(Scaled, Hints):
 
     def __init__(self, items: Iterable[Any] = (), *, name: str = "", **where: Any) -> None:
         self.name = name
-        self._items: list[Any] = []
+        self._items: dict[Any, None] = {}  # a set that keeps the order
         self._place(self._changed(where))
         for item in items:
             self.add(item)
@@ -53,8 +53,7 @@ class Group(Scaled, Hints):
         # Moves go down to all members, so that a group within itself would never end.
         if item is self or (isinstance(item, Group) and self in item._members()):
             raise SolariError(f"{self.describe()}: a group can't be in itself: leave {item.describe()} out")
-        if item not in self._items:
-            self._items.append(item)
+        self._items[item] = None
         return item
 
     @property
@@ -152,7 +151,7 @@ class Group(Scaled, Hints):
         return f"Group '{self.name}'" if self.name else "Group"
 
     def __repr__(self) -> str:
-        shown = [item.describe() for item in self._items[:SHOWN]]
+        shown = [item.describe() for item in list(self._items)[:SHOWN]]
         more = f" and {len(self._items) - SHOWN} more" if len(self._items) > SHOWN else ""
         x, y, z = self._transform[:3, 3]
         return f"<{self.describe()} at ({x:.4g}, {y:.4g}, {z:.4g}): {', '.join(shown) or 'empty'}{more}>"
@@ -165,7 +164,10 @@ class Grouping:
 
     @property
     def groups(self) -> Collection[Any]:
-        """The groups that `group` and `add` have made, by number or name; not those that have nothing in the scene."""
+        """The groups that `group` and `add` have made, and those of a glTF file, its nodes that hold several objects.
+
+        By number or name; not those that have nothing in the scene.
+        """
         scene: Any = self
 
         def holds(item: Any) -> bool:

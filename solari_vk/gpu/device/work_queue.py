@@ -223,6 +223,17 @@ class WorkQueue(GatheringDevice):
         if self.messages:
             self.check_messages()
 
+    def reaches(self, value: int, seconds: float) -> bool:
+        """Wait until the timeline reaches a value, for some seconds at most; returns whether it has. `await_value` then
+        does what else is due."""
+        self.check_open()
+        if self._completed < value:
+            self._hand_over()
+            self._wait_value[0] = value
+            result = self.vk.vkWaitSemaphores(self.handle, self._wait_info, round(seconds * 1e9))
+            return bool(result == raw.VK_SUCCESS)
+        return True
+
     def _check_late(self) -> None:
         for check in self.late:
             check()

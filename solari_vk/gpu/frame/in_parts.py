@@ -9,6 +9,8 @@ from solari_vk.gpu.device.commands import Recorded
 from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.frame.slot import Slot
 
+PAUSE = 0.03  # seconds between two calls of `meanwhile`
+
 
 class Interrupted(Exception):
     """A frame was given up because `Frame.between` said so."""
@@ -21,6 +23,8 @@ class InParts:
     _slots: list[Slot]
     _order: Recorded
     _between: Callable[[], bool] | None = None
+    meanwhile: Callable[[], object] | None = None
+    """Is called again and again while `submit` waits for a step, if `between` is set. It must not submit work here."""
 
     @property
     def between(self) -> Callable[[], bool] | None:
@@ -46,8 +50,15 @@ class InParts:
         self.device.submit([self._order.commands, *before])
         parts = slot.submission.commands
         for number, part in enumerate(parts, 1):
-            self.device.await_value(self.device.submit([part]))
+            self._await_part(self.device.submit([part]))
             # The end of the last part is that of the frame: nothing is left to give up.
             if self._between is not None and number < len(parts) and self._between():
                 slot.stale = True  # its timestamps are of no frame
                 raise Interrupted
+
+    def _await_part(self, value: int) -> None:
+        """Wait for a part, and call `meanwhile`."""
+        if self.meanwhile is not None:
+            while not self.device.reaches(value, PAUSE):
+                self.meanwhile()
+        self.device.await_value(value)

@@ -42,7 +42,7 @@ GPU_FPS = 60.0  # frames per second that the scale "auto" aims at on a GPU by de
 MAX_STEP = 0.25  # seconds that camera and animation move in one frame at most, even if the frame took longer
 SEEING = 0.1  # seconds between two looks at the distance of what is seen, each of which waits for the picture
 HIDDEN_WAIT = 0.1  # seconds that a frame of a minimized window waits for events
-PANELS_WAIT = 0.1  # seconds between two looks at the cursor while a frame is rendered
+PANELS_WAIT = 0.05  # seconds between two looks at the cursor while a frame is rendered
 IDLE_WAIT = 0.05  # seconds that a frame waits for events once the picture is finished
 
 
@@ -94,9 +94,10 @@ class Viewer(Session):
         with ExitStack() as undo:
             window = Window(size, "solari_vk")
             undo.callback(window.close)
-            self._swapchain = Swapchain(device, window.create_surface, lambda: window.pixels)
+            window_device = _device_for_window(device, undo)
+            self._swapchain = Swapchain(window_device, window.create_surface, lambda: window.pixels)
             undo.callback(self._swapchain.close)
-            self._presenter = Presenter(device, self._swapchain)
+            self._presenter = Presenter(window_device, self._swapchain)
             undo.callback(self._presenter.close)
             pictures = Pictures(device, scene, Settings() if settings is None else settings, seed, mode)
             undo.callback(pictures.close)
@@ -147,7 +148,7 @@ class Viewer(Session):
         except ImportError:
             self.say("there are no panels, because imgui-bundle is not installed: ? lists the keys")
             return None
-        overlay = Overlay(self)
+        overlay = Overlay(self, self._presenter.device)
         self.has_panels = self.shows_panels = True
         self.shader_users["panels"] = overlay.reload
         return overlay
@@ -233,15 +234,19 @@ class Viewer(Session):
             self.controls.handle(part, takes_keys=keys or is_going_on, takes_mouse=mouse or is_going_on)
 
     def _show_panels(self) -> None:
-        """Between two passes of a slow frame: the panels follow the cursor, over the latest picture."""
+        """While a slow frame is rendered: the panels follow the cursor, over the latest picture."""
         now = time.perf_counter()
         if self.overlay is None or now - self._panels_at < PANELS_WAIT:
             return
         self._panels_at = now
-        # Of the events that wait these are movements alone, which the next frame handles again.
-        self.overlay.handle_events(self.window.events)
-        self.overlay.lay_out(PANELS_WAIT)
-        self._presenter.show(self._renderer.parts(), self._draw)
+        # The next frame handles all events that wait, these movements too.
+        self.overlay.handle_events([event for event in self.window.events if event.kind == "cursor"])
+        self.is_rendering = True
+        try:
+            self.overlay.lay_out(PANELS_WAIT)
+        finally:
+            self.is_rendering = False
+        self._presenter.show_again(self._draw)
 
     def _render_or_wait(self, pixels: tuple[int, int]) -> None:
         """Render the pictures; while the first one is compiled, the window shows what takes so long."""
@@ -334,6 +339,14 @@ class Viewer(Session):
 
     def __exit__(self, *_: object) -> None:
         self.close()
+
+
+def _device_for_window(device: Device, undo: ExitStack) -> Device:
+    """The device that draws the window: on a processor another one than that of the pictures, since work of one device
+    is done in order, and a single pass of a picture may take seconds."""
+    if device.properties.kind != "cpu":
+        return device
+    return undo.enter_context(Device(device.properties.uuid, validation=device.validation, on_compile=None))
 
 
 def _is_seen_by_all(event: Event) -> bool:

@@ -72,7 +72,8 @@ class Decorations:
                 self._draw_box(lines, instance)
             return
         with session.showing_mistakes():
-            self._changed |= self._outline.update(session.pictures, instances)
+            if not session.is_rendering:
+                self._changed |= self._outline.update(session.pictures, instances)
             image = self._outline.image
             if image is None:
                 self._renderer.forget(OUTLINE)

@@ -10,6 +10,7 @@ import glfw
 from imgui_bundle import imgui
 
 from solari_vk.gpu.device import raw
+from solari_vk.gpu.device.device import Device
 from solari_vk.studio.viewer.actions import act
 from solari_vk.studio.viewer.controls import KEYS_HELP
 from solari_vk.studio.viewer.decorations import BARE, Decorations
@@ -52,9 +53,10 @@ _MODIFIERS = {
 
 
 class Overlay:
-    """The panels of a viewer. For each frame call `handle_events`, `lay_out`, and `draw` any number of times."""
+    """The panels of a viewer, drawn by a device. For each frame call `handle_events`, `lay_out`, and `draw` any number
+    of times."""
 
-    def __init__(self, session: Session) -> None:
+    def __init__(self, session: Session, device: Device) -> None:
         self._session = session
         self._context: Any = imgui.create_context()
         imgui.set_current_context(self._context)
@@ -62,7 +64,7 @@ class Overlay:
         io.set_ini_filename("")  # ImGui would write imgui.ini into the user's folder
         apply_theme()
         self._scale = 1.0
-        self._renderer = OverlayRenderer(session.device)
+        self._renderer = OverlayRenderer(device)
         self._decorations = Decorations(session, self._renderer)
         self._gizmo = Gizmo(session)
         self._panels = Panels(session, self._renderer.show)
@@ -79,6 +81,7 @@ class Overlay:
         # ImGui has one current context for the process, and two viewers have one each: every entry sets its own.
         imgui.set_current_context(self._context)
         io = imgui.get_io()
+        has_menu = self.has_menu  # before Escape closes it
         for event in events:
             match event.kind:
                 case "cursor":
@@ -96,7 +99,7 @@ class Overlay:
         # These flags are those of the latest frame that was laid out. ImGuizmo isn't a window, so ImGui doesn't know
         # that it wants the mouse.
         # While something is dragged or a menu is open, Escape isn't meant for the window.
-        drags = imgui.is_any_item_active() or self._gizmo.drags or self.has_menu
+        drags = imgui.is_any_item_active() or self._gizmo.drags or has_menu
         return not (io.want_text_input or drags), not (io.want_capture_mouse or self._gizmo.busy)
 
     @property
@@ -181,7 +184,8 @@ class Overlay:
                 width = 8 * imgui.get_font_size()
                 imgui.progress_bar(session.refinement.done, imgui.ImVec2(width, imgui.get_text_line_height()), "")
                 imgui.same_line()
-            self._probe.update()
+            if not session.is_rendering:
+                self._probe.update()
             room = layout.status.width - imgui.get_cursor_pos_x() - 8
             probe = "" if session.gesture else self._probe.text
             imgui.text_unformatted(status_line(session, probe, room, lambda text: imgui.calc_text_size(text).x))

@@ -110,7 +110,7 @@ class Panels:
     def _update_figures(self) -> None:
         """Read the figures that need a wait for the device, from time to time."""
         now = time.perf_counter()
-        if now - self._figures_at < FIGURES_INTERVAL:
+        if now - self._figures_at < FIGURES_INTERVAL or self._session.is_rendering:
             return
         self._figures_at = now
         pictures = self._session.pictures

@@ -72,6 +72,8 @@ class Pictures:
         """Whether the realtime picture of the mode "split" stays as it is, because it is finished."""
         self.interrupted: Callable[[], bool] | None = None
         """Asked after each pass of a realtime frame; True gives the frame up, as `Interrupted` says."""
+        self.meanwhile: Callable[[], object] | None = None
+        """Called again and again while a pass of such a frame runs."""
         self.camera: Camera | None = None
         """The camera of the latest frame, None after a frame that failed."""
         self.is_short = True
@@ -257,6 +259,7 @@ class Pictures:
             self.realtime.resize(build.realtime)
         if self.realtime.between != self.interrupted:
             self.realtime.between = self.interrupted
+        self.realtime.meanwhile = self.meanwhile
         self.realtime.view = self.view
         self.realtime.tonemap = self.tonemap
         self.realtime.render(camera)

@@ -61,10 +61,40 @@ def pixels_of(parts: Sequence[Part]) -> NDArray[np.uint8]:
     return np.concatenate(found, axis=1)
 
 
+class PictureCopy:
+    """A copy of a picture on a device, which stays as it is while its renderer makes the next one. `drop` frees it."""
+
+    def __init__(self, device: Device) -> None:
+        self._device = device
+        self._image: Image | None = None
+
+    def store(self, pixels: NDArray[np.uint8]) -> None:
+        """Copy these pixels (height, width, 3)."""
+        height, width = pixels.shape[:2]
+        if self._image is None or (self._image.width, self._image.height) != (width, height):
+            self.drop()
+            usage = raw.VK_IMAGE_USAGE_STORAGE_BIT  # storage images stay in a layout that copies may read
+            self._image = self._device.image(width, height, raw.VK_FORMAT_R8G8B8A8_UNORM, "copied picture", usage=usage)
+        opaque = np.full((height, width, 4), 255, np.uint8)
+        opaque[..., :3] = pixels
+        self._image.upload([opaque])
+
+    @property
+    def parts(self) -> list[Part]:
+        """What the window shows, an empty list without a picture."""
+        return [] if self._image is None else [Part(self._image)]
+
+    def drop(self) -> None:
+        """Free the picture. Safe to call twice."""
+        if self._image is not None:
+            self._image.destroy()
+            self._image = None
+
+
 class Presenter:
     """Shows images of any size in a window, with linear filtering. `close` frees what it made.
 
-    Call it after the work that makes the images was submitted.
+    Call it after the work that makes the images was submitted. Images of another device are copied by the host.
     """
 
     def __init__(self, device: Device, swapchain: Swapchain) -> None:
@@ -73,15 +103,30 @@ class Presenter:
         self.area: Area | None = None
         """Where the parts are in the window, in pixels; None: all of it."""
         self._composed: Image | None = None  # several parts side by side
+        self._latest: Sequence[Part] = ()  # that were shown
+        self._copy = PictureCopy(device)  # of parts of another device
         self._pool = CommandPool(device, "window")
         self._commands = self._pool.allocate(FRAMES)
 
     def show(self, parts: Sequence[Part], draw: Draw) -> bool:
         """Show parts that together cover `area`, or black without parts; returns whether a frame was shown."""
-        return self._show(parts, draw, lambda: None)
+        return self._show(self._own(parts), draw, lambda: None)
+
+    def show_again(self, draw: Draw) -> bool:
+        """Show what was shown last, with other panels over it; if its device isn't this one, without waiting for it."""
+        return self._show(self._latest, draw, lambda: None)
+
+    def _own(self, parts: Sequence[Part]) -> Sequence[Part]:
+        """The parts as images of this device."""
+        self._latest = parts
+        if parts and parts[0].image.device is not self.device:
+            self._copy.store(pixels_of(parts))
+            self._latest = self._copy.parts
+        return self._latest
 
     def capture(self, parts: Sequence[Part], draw: Draw) -> NDArray[np.uint8] | None:
         """Do what `show` does; returns the window's pixels, (height, width, 3), or None when they can't be read."""
+        own = self._own(parts)
         targets: list[Buffer] = []  # one at most, because the first frame that is shown is the last attempt
 
         # The size of the window's images is known only once one is acquired.
@@ -92,7 +137,7 @@ class Presenter:
             return targets[0] if targets else None
 
         try:
-            if not any(self._show(parts, draw, new_target) for _ in range(TRIES)) or not targets:
+            if not any(self._show(own, draw, new_target) for _ in range(TRIES)) or not targets:
                 return None
             width, height = self.swapchain.extent
             pixels = targets[0].read().reshape(height, width, 4)[..., :3].copy()
@@ -194,6 +239,7 @@ class Presenter:
     def close(self) -> None:
         """Free everything once the submitted work is done. Safe to call twice."""
         self._destroy_composed()
+        self._copy.drop()
         self._pool.destroy()
 
     def _destroy_composed(self) -> None:

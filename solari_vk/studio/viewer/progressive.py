@@ -6,63 +6,26 @@ import time
 from collections.abc import Callable, Hashable
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
-from solari_vk.gpu.device import raw
-from solari_vk.gpu.device.device import Device
-from solari_vk.gpu.device.image import Image
 from solari_vk.gpu.frame.in_parts import Interrupted
 from solari_vk.settings import FIELDS
 from solari_vk.studio.viewer.pictures import Pictures
-from solari_vk.studio.viewer.presenter import Part, pixels_of
+from solari_vk.studio.viewer.presenter import Part, PictureCopy, pixels_of
 from solari_vk.studio.viewer.refinement import FRAMES
 from solari_vk.studio.viewer.session import Session
 
 SLOW = 0.25  # seconds of a frame, from which the panels are shown meanwhile
 
 
-class PreviousPicture:
-    """A copy of a picture, which stays in the window while a larger one begins. `drop` frees it."""
-
-    def __init__(self, device: Device) -> None:
-        self._device = device
-        self._image: Image | None = None
-
-    def store(self, pixels: NDArray[np.uint8]) -> None:
-        """Copy these pixels (height, width, 3)."""
-        height, width = pixels.shape[:2]
-        if self._image is None or (self._image.width, self._image.height) != (width, height):
-            self.drop()
-            usage = raw.VK_IMAGE_USAGE_STORAGE_BIT  # storage images stay in a layout that copies may read
-            self._image = self._device.image(
-                width, height, raw.VK_FORMAT_R8G8B8A8_UNORM, "previous picture", usage=usage
-            )
-        opaque = np.full((height, width, 4), 255, np.uint8)
-        opaque[..., :3] = pixels
-        self._image.upload([opaque])
-
-    @property
-    def parts(self) -> list[Part]:
-        """What the window shows, an empty list without a picture."""
-        return [] if self._image is None else [Part(self._image)]
-
-    def drop(self) -> None:
-        """Free the picture. Safe to call twice."""
-        if self._image is not None:
-            self._image.destroy()
-            self._image = None
-
-
 class ProgressiveRenderer:
-    """Renders the pictures of a session. show_panels: is called between the passes of slow frames. `close` frees what
+    """Renders the pictures of a session. show_panels: is called while slow frames are rendered. `close` frees what
     it made."""
 
     def __init__(self, session: Session, show_panels: Callable[[], object]) -> None:
         self._session = session
         self._show_panels = show_panels
+        session.pictures.meanwhile = show_panels
         self._is_slow = False  # whether the latest small frame was
-        self._previous = PreviousPicture(session.device)
+        self._previous = PictureCopy(session.device)
         self._interrupted = False  # the latest frame, by an input
         self._torn = False  # the pictures' images, from an interrupted frame until the next whole one
         self._shown_by: tuple[float, str] | None = None  # the exposure and tone mapping of the latest picture
@@ -139,8 +102,7 @@ class ProgressiveRenderer:
 
     def _gives_way(self) -> bool:
         has_input = self._session.window.has_input()
-        if not has_input:
-            self._show_panels()
+        self._show_panels()
         return has_input
 
     def _goes_on(self) -> bool:

@@ -79,6 +79,7 @@ class Sources:
             theirs.clear()
             for item in items:
                 ours.add(item)
+        self.scene._groups = loaded._groups
         self.scene.warnings = loaded.warnings
         self.scene.variants = loaded.variants
         self.scene.backdrop = loaded.backdrop

@@ -107,6 +107,8 @@ class Session(Messages):
         """Where the mouse is, in window coordinates."""
         self.beside: SecondScene | None = None
         """The second scene that is shown beside this one."""
+        self.is_rendering = False
+        """Whether a frame is being rendered: what waits for the device would wait for all of it."""
         self.has_panels = self.shows_panels = self.shows_help = False
         self.timings: dict[str, float] = {}
         """GPU milliseconds of each pass in the last finished frame."""

@@ -72,7 +72,7 @@ def test_brighter_is_brighter(viewer):
     type_keys(viewer, *[glfw.KEY_EQUAL] * 3)
     assert viewer.camera.ev100 == pytest.approx(home.ev100 - 1)
     assert viewer.pictures.pixels().mean() > before + 5
-    type_keys(viewer, glfw.KEY_R)
+    type_keys(viewer, glfw.KEY_0)
     assert viewer.camera.ev100 == home.ev100
 
 
@@ -87,6 +87,8 @@ def test_keys_fly_give_help_and_close(viewer, capfd):
     assert moved.any()
     type_keys(viewer, glfw.KEY_ESCAPE)
     assert not viewer.shows_help, "the first Esc closes the help"
+    type_keys(viewer, glfw.KEY_ESCAPE)
+    assert not viewer.window.wants_to_close, "the second one asks"
     viewer.window.events.append(press(glfw.KEY_ESCAPE))
     viewer.run()
 
@@ -111,7 +113,7 @@ def test_a_pose_is_copied_to_and_pasted_from_the_clipboard(viewer):
     assert (viewer.scene.camera.transform == given).all(), "the user moves a copy"
     type_keys(viewer, glfw.KEY_C, modifiers=glfw.MOD_CONTROL)
     assert (sv.Camera.from_pose(json.loads(viewer.window.clipboard)).transform == moved).all()
-    type_keys(viewer, glfw.KEY_R)
+    type_keys(viewer, glfw.KEY_0)
     assert (viewer.camera.transform == viewer.camera_control.home.transform).all()
     type_keys(viewer, glfw.KEY_V, modifiers=glfw.MOD_CONTROL)
     assert (viewer.camera.transform == moved).all()
@@ -156,7 +158,7 @@ def test_a_click_finds_instance_and_point(open_viewer):
     type_keys(viewer, glfw.KEY_F)
     distance = np.linalg.norm(viewer.camera.transform[:3, 3])  # to the wall's middle
     assert distance == pytest.approx(np.sqrt(0.5) / np.sin(viewer.camera.vertical_fov / 2))
-    type_keys(viewer, glfw.KEY_R)
+    type_keys(viewer, glfw.KEY_0)
     click(viewer, 2, 2)
     assert viewer.pick is None
     viewer.camera_control.look_through(sv.Camera.look_at((50, 0, 9), (90, 5, 9)))

@@ -19,6 +19,7 @@ from solari_vk.scene.files.gltf.document import Document
 from solari_vk.scene.files.gltf.draco import DracoMeshes
 from solari_vk.scene.files.gltf.extensions import SUPPORTED_EXTENSIONS
 from solari_vk.scene.files.gltf.extras import PORTAL, read_extras, read_label
+from solari_vk.scene.files.gltf.hierarchy import groups_of
 from solari_vk.scene.files.gltf.image_lights import EXTENSION as ENVIRONMENT
 from solari_vk.scene.files.gltf.image_lights import read_environment
 from solari_vk.scene.files.gltf.lights import EXTENSION as LIGHTS
@@ -119,6 +120,7 @@ class _Loader:
         self._animatable: dict[tuple[str, int], list[tuple[PlacedNode, Camera | Light]]] = {}
         self._strict = strict
         self._scene = Scene()
+        self._objects_of: dict[int, list[Any]] = {}  # what hangs on each node
 
     def load(self, which: int | str | None) -> Scene:
         self._check_required()
@@ -133,6 +135,7 @@ class _Loader:
         self._load_materials()
         for node in placed.values():
             self._add_objects(node, placed)
+        self._scene._groups.update(dict.fromkeys(groups_of(placed, self._objects_of)))
         has_meshes = any("mesh" in node.entry for node in placed.values())
         if self._report.first_error and not self._scene.instances and has_meshes:
             raise self._report.first_error
@@ -240,6 +243,7 @@ class _Loader:
             self._animations.rig.attach(item, row, transform, moves=moves, shown=node.visible)
         if node.visible or isinstance(item, Instance):
             self._scene.add(item)
+            self._objects_of.setdefault(node.number, []).append(item)
 
     def _followed(self, node: PlacedNode, item: Camera | Light | None) -> Camera | Light | None:
         """A node's camera or light, which animations of its properties can find."""
