@@ -54,6 +54,36 @@ def test_hierarchies_of_trs_and_matrices(writer):
     np.testing.assert_allclose(instance.transform, expected, atol=1e-12)
 
 
+def test_nodes_that_hold_several_objects_are_groups(writer):
+    mesh = writer.mesh()
+    wheels = [writer.node(mesh=mesh, name=f"wheel {number}", translation=[number, 0, 0]) for number in range(2)]
+    axle = writer.node(children=wheels, name="axle", translation=[0, 0, 5])
+    chain = writer.node(children=[axle], name="exported")
+    body = writer.node(mesh=mesh, name="body")
+    writer.node(children=[body, chain], mesh=mesh, name="car", scale=[2, 2, 2])
+    writer.node(children=[writer.node(mesh=mesh, name="alone")])
+    scene = writer.load()
+    assert scene.groups.names == ["car", "axle"]
+    car, axle = scene.groups
+    assert [item.name for item in car] == ["car", "body", "axle"], "nodes with one child are left out"
+    assert [item.name for item in axle] == ["wheel 0", "wheel 1"]
+    assert axle.position == pytest.approx((0, 0, 10))
+    scene["axle"].position = 0, 3, 0
+    assert scene["wheel 1"].position == pytest.approx((2, 3, 0))
+    assert scene["alone"].position == pytest.approx((0, 0, 0))
+
+
+def test_chains_of_groups_end(writer):
+    depth = 3000
+    mesh = writer.mesh()
+    writer.json["nodes"] = [{"children": [n + 1], "mesh": mesh} for n in range(depth)]
+    writer.node(mesh=mesh)
+    scene = writer.load()
+    assert len(scene.instances) == depth + 1
+    assert 60 < len(scene.groups) < 70
+    assert len(scene.groups[0].items) == len(scene.groups) + 1
+
+
 def test_deep_hierarchies(writer):
     depth = 3000  # beyond Python's limit of recursion
     writer.json["nodes"] = [{"translation": [0, 0, 1], "children": [n + 1]} for n in range(depth)]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Sequence
 from itertools import islice
 from typing import Any
@@ -18,6 +19,7 @@ from solari_vk.studio.viewer.widgets import hint, toggle
 
 MAX_ROWS = 500  # that a list shows; the others are found by a part of their name, or picked in the picture
 ROWS_HIGH = 9  # rows of the list that are seen at once
+LOOK = 0.5  # seconds between two looks at the groups, which ask for all that is in them
 OPEN = imgui.TreeNodeFlags_.default_open
 GROUP = imgui.TreeNodeFlags_.open_on_arrow | imgui.TreeNodeFlags_.open_on_double_click
 
@@ -28,6 +30,9 @@ class Outliner:
     def __init__(self, session: Session) -> None:
         self._session = session
         self._filter = ""
+        self._roots: list[Group] = []
+        self._grouped: set[Any] = set()  # what is in them
+        self._looked_at = 0.0
 
     def lay_out(self) -> None:
         """Lay out a menu that adds to the scene, a field for a part of a name, and the tree."""
@@ -43,9 +48,8 @@ class Outliner:
         imgui.begin_child("list", imgui.ImVec2(0, height), imgui.ChildFlags_.borders | imgui.ChildFlags_.resize_y)
         surrounding = scene.environment.lights if scene.environment else ()
         # A search finds objects in closed groups too, so that it lists all.
-        roots = [] if self._filter.strip() else roots_of(scene)
-        grouped = {item for group in roots for item in group.items}
-        if roots and imgui.tree_node_ex(f"groups ({len(scene.groups)})###groups", OPEN):
+        roots, grouped = ([], set()) if self._filter.strip() else self._tree()
+        if roots and imgui.tree_node_ex("groups", OPEN):
             for number, group in enumerate(roots):
                 self._member(number, group)
             imgui.tree_pop()
@@ -73,6 +77,15 @@ class Outliner:
             if next(found, None) is not None:
                 imgui.text_disabled("... and more: find them by name, or click on them")
             imgui.tree_pop()
+
+    def _tree(self) -> tuple[list[Group], set[Any]]:
+        """The groups that are in no other, and the objects in them."""
+        now = time.perf_counter()
+        if now - self._looked_at > LOOK:
+            self._looked_at = now
+            self._roots = roots_of(self._session.scene)
+            self._grouped = {item for group in self._roots for item in group.items}
+        return self._roots, self._grouped
 
     def add_menu(self) -> None:
         """The menu of what can be added, also while the tree is closed."""

@@ -18,6 +18,7 @@ from solari_vk.studio.viewer import panels
 from solari_vk.studio.viewer.markers import project
 from solari_vk.studio.viewer.opening import recent_files
 from solari_vk.studio.viewer.outline import COLOR
+from solari_vk.studio.viewer.outliner import members_of, roots_of
 from solari_vk.studio.viewer.pictures import MODES
 from solari_vk.studio.viewer.window import Event, Window
 
@@ -98,11 +99,44 @@ def test_all_panels_can_be_laid_out(open_viewer, replace):
     viewer = open_viewer(size=(400, 340), scale=0.2)
     viewer.scene.add(sv.DirectionalLight(direction=(0, -1, 0)))
     viewer.scene.warnings.append("something was left out")
+    inner = viewer.scene.group("short block", "lamp", name="inner")
+    viewer.scene.group(inner, "room", name="outer")
     viewer.run(frames=1)
     viewer.act("pick", (200, 170))
     assert viewer.pick is not None
     viewer.act("help")
     viewer.run(frames=3)
+
+
+def test_a_group_in_the_tree_picks_and_hides_all_that_is_in_it(open_viewer, monkeypatch, replace):
+    viewer = open_viewer(size=(400, 340), scale=0.2)
+    scene = viewer.scene
+    inner = scene.group("short block", "lamp", name="inner")
+    outer = scene.group(inner, "room", name="outer")
+    scene.remove("lamp")
+    block, room = scene.instances["short block"], scene.instances["room"]
+    assert roots_of(scene) == [outer]
+    assert (members_of(scene, outer), members_of(scene, inner)) == ([inner, room], [block])
+    viewer.run(frames=1)
+    clicked = []
+    tree_node_ex = panels.imgui.tree_node_ex
+
+    def noted(label, flags):
+        panels.imgui.set_next_item_open(True)
+        clicked.append(label)
+        return tree_node_ex(label, flags)
+
+    replace(tree_node_ex=noted, is_item_clicked=lambda: clicked[-1].startswith("outer"))
+    viewer.step()
+    assert [label for label in clicked if label.endswith("group")] == ["outer (2)###group", "inner (1)###group"]
+    assert viewer.picked == [block, room]
+    labels = []
+    replace(small_button=lambda label: labels.append(label) or len(labels) == 1)
+    viewer.step()
+    assert [instance.visible for instance in (block, room)] == [False, False]
+    assert scene.instances["left wall"].visible
+    viewer.act("undo")
+    assert [instance.visible for instance in (block, room)] == [True, True]
 
 
 def test_the_help_fits_into_narrow_windows(open_viewer, monkeypatch):

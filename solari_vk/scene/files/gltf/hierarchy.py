@@ -9,23 +9,30 @@ from solari_vk.base.errors import SolariError
 from solari_vk.scene.files.gltf.nodes import PlacedNode
 from solari_vk.scene.group import KINDS, Group
 
+MOST_LEVELS = 64  # groups call the groups in them: chains of nodes may be longer than Python's limit of recursion
+
 
 def groups_of(placed: Mapping[int, PlacedNode], objects: Mapping[int, list[Any]]) -> list[Group]:
     """A group for each node with several objects or groups at and below it, parents first.
 
     placed: the nodes by number, parents first. objects: what hangs on each. Nodes with a single one are left out, as
-    exporters write chains of them.
+    exporters write chains of them; so are those above MOST_LEVELS of groups.
     """
+    levels = dict.fromkeys(placed, 0)  # of groups below each
     members: dict[int, list[Any]] = {number: [] for number in placed}
     made = []
     for node in reversed(list(placed.values())):  # children come before their parents, the last one first
         own = [item for item in objects.get(node.number, ()) if isinstance(item, KINDS)]
         inside = own + members[node.number][::-1]
-        if len(inside) > 1:
+        level = levels[node.number]
+        if len(inside) > 1 and level < MOST_LEVELS:
             inside = [_group(node, inside)]
             made += inside
+            level += 1
         if node.parent in members:
-            members[node.parent] += inside[::-1]
+            levels[node.parent] = max(levels[node.parent], level)
+            if level < MOST_LEVELS:
+                members[node.parent] += inside[::-1]
     return made[::-1]
 
 
