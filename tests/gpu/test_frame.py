@@ -229,6 +229,24 @@ def test_a_frame_in_parts_is_the_same_and_can_be_given_up(device, root, shaders,
         assert frame["b"][-1] > 2 * whole[-1]
 
 
+def test_a_step_that_takes_long_leaves_time_for_something_else(device, root, shaders, monkeypatch):
+    """Twice for each of two steps, which then are done."""
+    assert device.reaches(device.submit([]), 10.0)
+    assert not device.reaches(device.submitted + 1, 0.01)
+    answers = iter([False, False, True] * 2)
+    shaders.write("note", START + "void main() { a.at[0] = 1u; }\n")
+    stage = Stage("x", buffers={"a": 50}, passes=[Pass("note", threads=1)] * 2)
+    calls = []
+    with Frame(device, [stage], glsl_root=root) as frame:
+        frame.meanwhile = lambda: calls.append(0)
+        frame.submit()
+        assert not calls, "a frame that isn't in parts waits for nothing"
+        frame.between = lambda: False
+        monkeypatch.setattr(type(device), "reaches", lambda *_: next(answers))
+        frame.submit()
+        assert (len(calls), frame["a"][0]) == (4, 1)
+
+
 def test_a_step_of_the_caller_has_barriers_like_a_pass(device, root):
     frame_holder: list[Frame] = []
 

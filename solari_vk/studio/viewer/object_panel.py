@@ -46,7 +46,7 @@ class ObjectPanel:
             self._session.edit(item, name=name)
         others = len(self._session.picked) - 1
         if others:
-            imgui.text_wrapped(f"{others} more picked: handles, arrows, H, F and Delete are for all of them.")
+            imgui.text_wrapped(f"{others} more picked: G, R, S, handles, arrows, H, F and Delete are for all of them.")
         if isinstance(item, Instance):
             self._instance(item)
         elif isinstance(item, Light):

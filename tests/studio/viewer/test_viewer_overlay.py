@@ -56,6 +56,30 @@ def test_events_of_one_frame_reach_what_is_there_by_then(open_viewer):
     assert clicks == [], "the help is there"
 
 
+def test_panels_follow_the_cursor_without_the_device_of_the_pictures(open_viewer, device, monkeypatch):
+    """Which may be in the middle of a pass: the last picture stays, and nothing is read from it."""
+    if device.properties.kind != "cpu":
+        pytest.skip("a graphics card draws the window itself")
+    viewer = open_viewer(size=(400, 200))
+    viewer.act("pick", (100, 80))
+    mouse(viewer, 100, 80)
+    viewer.run(frames=2)
+    shown = viewer.capture()
+    window_device = viewer._presenter.device
+    work, shows = device.submitted, window_device.submitted
+    viewer.window.events.append(Event("cursor", x=390, y=20))
+    viewer.selected = viewer.scene.instances[1]  # whose outline isn't known yet
+    viewer._panels_at = 0.0
+    viewer._show_panels()
+    assert (device.submitted, window_device.submitted > shows) == (work, True)
+    assert tuple(panels.imgui.get_io().mouse_pos) == (390, 20)
+    assert len(viewer.window.events) == 1, "the next frame handles it"
+    monkeypatch.setattr(viewer._presenter, "_own", lambda parts: viewer._presenter._latest)
+    picture = viewer.layout.picture
+    again = viewer.capture()[: picture.height, : picture.width]
+    assert np.abs(again.astype(int) - shown[: picture.height, : picture.width]).mean() < 3
+
+
 # ---- drawing ----------------------------------------------------------------------------------------
 
 

@@ -199,6 +199,9 @@ def test_panels_follow_the_cursor_during_a_slow_frame(slow, monkeypatch, auto):
     session.window.events = [Event("cursor", x=9.0)]
     render(refinement.REST + 3)
     assert rendering.shown[-1] == session.window.events, "they stay for the controls"
+    shown = len(rendering.shown)
+    session.pictures.meanwhile()
+    assert len(rendering.shown) == shown + 1, "during a pass too"
 
 
 def test_input_ends_a_frame_of_either_scene(slow):
