@@ -13,6 +13,7 @@ from solari_vk.studio.viewer.presenter import Part, PictureCopy, pixels_of
 from solari_vk.studio.viewer.refinement import FRAMES
 from solari_vk.studio.viewer.session import Session
 
+SMOOTH = 20.0  # frames per second from which the history of a renderer is short in time
 SLOW = 0.25  # seconds of a frame, from which the panels are shown meanwhile
 
 
@@ -28,6 +29,8 @@ class ProgressiveRenderer:
         self._previous = PictureCopy(session.device)
         self._interrupted = False  # the latest frame, by an input
         self._torn = False  # the pictures' images, from an interrupted frame until the next whole one
+        self._revisions: list[int] = []  # of the scenes in the latest frame
+        self._changes = False  # whether they were others than in the frame before
         self._shown_by: tuple[float, str] | None = None  # the exposure and tone mapping of the latest picture
 
     def parts(self) -> list[Part]:
@@ -48,6 +51,7 @@ class ProgressiveRenderer:
         refinement = self._session.refinement
         refinement.enabled = self._session.scale.auto
         refinement.begin_frame(self._view(pixels))
+        self._cut_after_edits()
         if not refinement.hides and not self._torn:
             self._previous.drop()
         if refinement.finished:
@@ -71,6 +75,24 @@ class ProgressiveRenderer:
             self._is_slow = time.perf_counter() - began > SLOW
         refinement.end_frame(time.perf_counter() - began, self._count(), self._session.pictures.mode != "realtime")
         self._shown_by = self._tone
+
+    def _cut_after_edits(self) -> None:
+        """Drop the history once the scene doesn't change anymore, where frames are few: shadows of where things were
+        stay in it for some thirty frames, while a first frame without it is close already."""
+        shown = self._shown()
+        revisions = [pictures.binder.scene_revision for pictures in shown]
+        changes = bool(self._revisions) and revisions != self._revisions
+        ended = self._changes and not changes
+        self._revisions = revisions
+        self._changes = changes
+        if ended and self._session.fps < SMOOTH:
+            for pictures in shown:
+                pictures.cut()
+
+    def _shown(self) -> list[Pictures]:
+        """The pictures of the scene, and of the one beside it."""
+        session = self._session
+        return [session.pictures] if session.beside is None else [session.pictures, session.beside.pictures]
 
     def _begin_full_size(self) -> None:
         """Store what the window shows, for as long as the first frames of the full size look worse."""
@@ -146,14 +168,11 @@ class ProgressiveRenderer:
 
     def _scene_views(self) -> tuple[Hashable, ...]:
         """What the scenes hold and how they are seen."""
-        session = self._session
-        scenes: list[Pictures] = [session.pictures]
-        if session.beside is not None:
-            scenes.append(session.beside.pictures)
+        scenes = self._shown()
         # `view_key` has the scene's revision, which the binder raises when it finds the edits.
         for pictures in scenes:
             pictures.binder.update()
-        return tuple(pictures.view_key(session.camera) for pictures in scenes)
+        return tuple(pictures.view_key(self._session.camera) for pictures in scenes)
 
     def _show_finished(self) -> None:
         """Show the finished picture with another exposure or tone mapping, if that was changed."""

@@ -112,7 +112,11 @@ class Slow(FakePictures):
 
     def __init__(self, scene, image):
         super().__init__(scene)
-        self.binder, self.image = SimpleNamespace(update=lambda: None), image
+        self.binder, self.image = SimpleNamespace(update=lambda: None, scene_revision=0), image
+        self.cuts = 0
+
+    def cut(self):
+        self.cuts += 1
 
     def view_key(self, camera):
         return camera.vertical_fov
@@ -178,6 +182,26 @@ def test_what_was_given_up_is_never_shown(slow, monkeypatch):
     assert render(0) == 100, "not even if the next frame fails"
     assert render(2) == 100
     assert rendering._previous.parts == []
+
+
+@pytest.mark.parametrize(("seconds", "cuts"), [(0.14, 1), (0.02, 0)])
+def test_shadows_of_where_things_were_go_with_the_history(slow, seconds, cuts):
+    """Once nothing changes anymore, at few frames a second; a camera that moves keeps its history."""
+    session, _, render, _ = slow
+    session.spans.append(seconds)
+    pictures = session.pictures
+    render(2)
+    for _ in range(3):
+        session.camera.vertical_fov += 0.01
+        render(1)
+    for _ in range(4):
+        pictures.binder.scene_revision += 1
+        render(1)
+        assert pictures.cuts == 0
+    render(1)
+    assert pictures.cuts == cuts
+    render(5)
+    assert pictures.cuts == cuts
 
 
 def test_a_finished_picture_is_exposed_whatever_the_input(slow):
