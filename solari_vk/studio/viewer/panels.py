@@ -12,7 +12,7 @@ from imgui_bundle import imgui
 
 from solari_vk.output.tone_mapping import TONEMAPS
 from solari_vk.settings import DEFAULTS, FIELDS, QUALITIES
-from solari_vk.studio.viewer.actions import act
+from solari_vk.studio.viewer.actions import SIDES, act
 from solari_vk.studio.viewer.comparison import errors
 from solari_vk.studio.viewer.environment_panel import EnvironmentPanel
 from solari_vk.studio.viewer.file_panel import FilePanel
@@ -106,6 +106,21 @@ class Panels:
                 act(session, action)
             imgui.same_line()
         imgui.new_line()
+        self._sides()
+
+    def _sides(self) -> None:
+        """Buttons for what the number pad does."""
+        session = self._session
+        for number, side in enumerate(SIDES):
+            if number:
+                imgui.same_line()
+            if imgui.small_button(side):
+                act(session, "look_from", side)
+            hint(f"Look from the {side} (number pad 1, 3, 7, with Ctrl from the other side; or Alt and the digit).")
+        changed, _ = imgui.checkbox("orthographic", session.camera.orthographic_height > 0)
+        hint("Without perspective (number pad 5, or Alt+5).")
+        if changed:
+            act(session, "orthographic")
 
     def _update_figures(self) -> None:
         """Read the figures that need a wait for the device, from time to time."""
