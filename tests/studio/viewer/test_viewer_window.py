@@ -195,7 +195,8 @@ def test_other_failures_are_errors_and_the_next_frames_are_shown(viewer, vulkan,
             if function in (ACQUIRE, PRESENT, CREATE):
                 vulkan.fail(function, raw.VK_ERROR_OUT_OF_DEVICE_MEMORY)
             else:
-                patch.setattr(viewer.device.vk, function, lambda *_: raw.check(raw.VK_ERROR_OUT_OF_DEVICE_MEMORY, ""))
+                vk = viewer._presenter.device.vk
+                patch.setattr(vk, function, lambda *_: raw.check(raw.VK_ERROR_OUT_OF_DEVICE_MEMORY, ""))
             with pytest.raises(sv.DeviceError, match="out of memory"):
                 viewer.run(frames=20)
         viewer.run(frames=2)
@@ -219,12 +220,14 @@ def test_the_device_may_close_or_be_lost_before_the_viewer(screen, monkeypatch, 
     viewer = sv.Viewer(device, sv.builtin("cornell_box"), size=(64, 48), mode="reference", scale=0.5)
     viewer.run(frames=2)
     order = []
-    for owner, name in ((glfw, "destroy_window"), (device.instance_vk, "vkDestroySurfaceKHR")):
+    window_device = viewer._presenter.device  # on a processor another one
+    for owner, name in ((glfw, "destroy_window"), (window_device.instance_vk, "vkDestroySurfaceKHR")):
         call = getattr(owner, name)
         monkeypatch.setattr(owner, name, lambda *given, n=name, f=call: (order.append(n), f(*given)))
     if lost:
-        device.wait_idle()
-        device.lost = True
+        for each in (device, window_device):
+            each.wait_idle()
+            each.lost = True
     else:
         device.close()
     viewer.close()
