@@ -171,8 +171,7 @@ class RendererBase(Hints):
 
     @property
     def meanwhile(self) -> Callable[[], object] | None:
-        """If set together with `between`, this is called again and again while a step runs, which may take seconds. It
-        must not use the renderer."""
+        """With `between`: called again and again while a pass runs. It must not use the renderer."""
         return self._frame.meanwhile
 
     @meanwhile.setter
