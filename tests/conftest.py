@@ -42,6 +42,7 @@ def pytest_configure(config):
     # A shell ignores Ctrl-C in what it runs in the background; tests send it to themselves and to their children.
     signal.signal(signal.SIGINT, signal.default_int_handler)
     config.addinivalue_line("markers", "provokes_validation: the test makes validation messages on purpose")
+    config.addinivalue_line("markers", "posix: for links, pipes, modes or signals that Windows doesn't have")
     note = instance_module.record_message
 
     def note_and_log(messages, text):
@@ -49,6 +50,11 @@ def pytest_configure(config):
         note(messages, text)
 
     instance_module.record_message = note_and_log
+
+
+def pytest_runtest_setup(item):
+    if os.name != "posix" and item.get_closest_marker("posix"):
+        pytest.skip("this system has no such links, pipes, modes or signals")
 
 
 def pytest_collection_finish():
@@ -77,8 +83,8 @@ def any_device():
 
 @pytest.fixture(scope="session")
 def device(any_device):
-    """A device with core and synchronization validation, shared by the session."""
-    opened = Device(validation=True)
+    """A device with core and synchronization validation, unless SOLARI_VK_VALIDATION is 0, shared by the session."""
+    opened = Device()
     _devices.append(opened)
     yield opened
     _devices.remove(opened)
@@ -90,7 +96,7 @@ def bound_device(any_device):
     """`device` with buffers that are bound by descriptors, so that validation sees missing barriers."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("SOLARI_VK_ADDRESSES", "0")
-        opened = Device(validation=True)
+        opened = Device()
     _devices.append(opened)
     yield opened
     _devices.remove(opened)
@@ -100,7 +106,7 @@ def bound_device(any_device):
 @pytest.fixture(scope="module")
 def device_of_file(any_device):
     """A device that the tests of a file share. What they leave on it goes with it."""
-    with Device(validation=True) as opened:
+    with Device() as opened:
         _devices.append(opened)
         yield opened
         _devices.remove(opened)

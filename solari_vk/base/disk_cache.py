@@ -117,6 +117,8 @@ def _unknown_user() -> int | None:
 
 
 def _others_can_write(found: os.stat_result) -> bool:
+    if not hasattr(os, "geteuid"):
+        return False  # Windows keeps rights in lists, and says of every file that all may write it
     if found.st_mode & stat.S_IWOTH:
         return True
     return bool(found.st_mode & stat.S_IWGRP) and not _is_own_group(found.st_gid)
@@ -126,6 +128,8 @@ def _others_can_write(found: os.stat_result) -> bool:
 def _is_own_group(number: int) -> bool:
     """Whether a group has this user only, as is usual where 002 is the umask: it is named like the user, and has no
     other members."""
+    if sys.platform == "win32":
+        return False  # has no such groups
     import grp
     import pwd
 

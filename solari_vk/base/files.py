@@ -11,7 +11,9 @@ import re
 import secrets
 import shutil
 import stat
+import sys
 import tempfile
+import time
 from collections.abc import Collection, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -31,6 +33,11 @@ _LFS_POINTER = b"version https://git-lfs.github.com/spec/"
 _BYTES_PER_VALUE = 150  # of a value as a Python object with its place in a list or dict
 _UNFINISHED = re.compile(r"\.(.+)\.[0-9a-f]{16}(\.[^.]*)")  # the names of `_beside`
 _TRIAL = bytes(4096)  # a file of a few bytes may fit on a disk that is full
+# Errors of Windows: access denied, as for files that are being deleted, and a file that another program has open.
+_IN_USE = (5, 32)
+_IN_USE_SECONDS = 1.0  # that indexers and virus scanners may have a new file open
+_TOO_LONG = (3, 206)  # errors of Windows: no such path, which it also says of long ones, and too long a name
+_LONGEST_PATH = 259  # on Windows, where long paths aren't enabled
 
 
 @contextmanager
@@ -50,6 +57,8 @@ def open_regular(path: Path, who: str, *, follow: bool = True) -> Iterator[io.Bu
     except FileNotFoundError:
         raise SolariError(f"{who}: there is no such file: check the path") from None
     except (OSError, ValueError) as error:
+        if isinstance(error, PermissionError) and path.is_dir():  # Windows opens no folders
+            raise SolariError(f"{who}: not a readable file: give the path of a regular file") from None
         raise SolariError(f"{who}: can't be read: {getattr(error, 'strerror', None) or error}") from None
     except (MemoryError, OverflowError):
         raise SolariError(f"{who}: too large for this machine's memory") from None
@@ -173,11 +182,25 @@ def whole_file(path: Path, mode: int = 0o666) -> Iterator[Path]:
         yield temporary
         if old is not None:
             _keep_mode(temporary, old)
-        os.replace(temporary, path)
+        replace(temporary, path)
     except (OSError, RuntimeError) as error:
         raise cannot_be("written", path, error) from None
     finally:
         _remove(temporary)
+
+
+def replace(source: Path, target: Path) -> None:
+    """`os.replace`, which Windows refuses while another program has one of the files open: it is tried for a second,
+    since indexers and virus scanners look into new files. Raises OSError."""
+    until = time.monotonic() + _IN_USE_SECONDS
+    while True:
+        try:
+            os.replace(source, target)
+            return
+        except PermissionError as error:
+            if getattr(error, "winerror", None) not in _IN_USE or time.monotonic() > until:
+                raise
+            time.sleep(0.02)
 
 
 def write_whole(path: Path, content: str | bytes | memoryview) -> None:
@@ -201,7 +224,7 @@ def write_both(first: tuple[Path, bytes], second: tuple[Path, bytes]) -> None:
             is_replaced = True
     except BaseException:
         if is_replaced and os.path.lexists(backup):
-            os.replace(backup, second_path)
+            replace(backup, second_path)
         else:
             _remove(second_path if is_replaced else backup)
         raise
@@ -284,11 +307,16 @@ def make_beside(path: Path) -> Path:
 def cannot_be(done: str, path: Path, error: OSError | RuntimeError) -> SolariError:
     """The error that a file or folder can't be "written" or "made", with the remedy."""
     reason = getattr(error, "strerror", None) or error
-    # The folder exists, so that it is one such as those of /proc, in which nothing can be made.
-    if getattr(error, "errno", None) == errno.ENOENT:
-        return SolariError(f"{path}: can't be {done}: its folder takes no files: choose another one")
-    if isinstance(error, PermissionError) or getattr(error, "errno", None) == errno.EROFS:
+    in_windows = getattr(error, "winerror", None)
+    if in_windows in _TOO_LONG and len(os.path.abspath(path)) > _LONGEST_PATH:
+        remedy = "choose a shorter path, or enable long paths in Windows"
+    elif in_windows in _IN_USE and path.is_file():
+        remedy = "close the program that has it open, make it writable, or choose another name"
+    elif isinstance(error, PermissionError) or getattr(error, "errno", None) == errno.EROFS:
         remedy = "choose a folder that can be written"
+    elif getattr(error, "errno", None) == errno.ENOENT:
+        # The folder exists, so that it is one such as those of /proc, in which nothing can be made.
+        return SolariError(f"{path}: can't be {done}: its folder takes no files: choose another one")
     elif getattr(error, "errno", None) == errno.ENAMETOOLONG:
         remedy = "choose a shorter name"
     elif isinstance(error, RuntimeError):
@@ -306,6 +334,10 @@ def _beside(path: Path) -> Path:
         raise SolariError(f"{quoted(str(path))}: has a null character: choose another name")
     if not os.path.isdir(path.parent):
         raise SolariError(f"{path}: there is no folder {path.parent}: make it first")
+    # Windows alone has this function, from Python 3.13 on. What is written to "nul.png" or "a:b.png" would be lost.
+    is_reserved = getattr(os.path, "isreserved", None)
+    if is_reserved is not None and is_reserved(path.name):
+        raise SolariError(f"{path}: is a name that Windows keeps for itself, or has a character that it doesn't allow")
     # Writers choose the format by the suffix. `_UNFINISHED` matches such a name.
     return path.with_name(f".{path.stem}.{secrets.token_hex(8)}{path.suffix}")
 
@@ -326,6 +358,8 @@ def _old_file(path: Path) -> os.stat_result | None:
 
 def _keep_mode(path: Path, old: os.stat_result) -> None:
     """Give a file the owner, group and mode of the one that it replaces, and nobody more than that."""
+    if sys.platform == "win32":
+        return  # has none of these
     mode = stat.S_IMODE(old.st_mode) & 0o777
     new = os.stat(path)
     if new.st_gid != old.st_gid:

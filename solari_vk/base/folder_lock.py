@@ -8,6 +8,7 @@ import json
 import os
 import socket
 import stat
+import sys
 import time
 from pathlib import Path
 from typing import Any
@@ -16,12 +17,28 @@ from weakref import WeakValueDictionary, finalize
 from solari_vk.base.errors import SolariError
 from solari_vk.base.files import NO_LINK, cannot_be
 
-try:
-    import fcntl
-except ImportError:  # Windows: folders aren't locked there
-    fcntl = None  # type: ignore[assignment]
-
 _LARGEST = 4096  # bytes of a lock file
+# Windows removes no file that is open, so one that a process has open keeps its name, and can be taken over.
+_STAYS_WHILE_OPEN = os.name == "nt"
+_FLAGS = os.O_RDWR | NO_LINK | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)
+
+if sys.platform == "win32":
+    import msvcrt
+
+    def _lock(file: int) -> None:
+        # Nobody else can read a byte that is locked, so it is one behind the content.
+        os.lseek(file, _LARGEST, os.SEEK_SET)
+        try:
+            msvcrt.locking(file, msvcrt.LK_NBLCK, 1)
+        except PermissionError as error:
+            raise BlockingIOError(error.errno, error.strerror) from None
+
+else:
+    import fcntl
+
+    def _lock(file: int) -> None:
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+
 
 _locks: WeakValueDictionary[Path, FolderLock] = WeakValueDictionary()
 
@@ -31,18 +48,19 @@ class HeldError(SolariError):
 
 
 class FolderLock:
-    """Holds the lock file at `path` until the object is gone: `flock`, which also works on NFS between machines.
+    """Holds the lock file at `path` until the object is gone: by `flock`, which also works on NFS between machines, and
+    on Windows by a lock of a byte.
 
     Raises HeldError if another process holds it, saying which one and for how long, and SolariError if it can't be
     written, and if something else has this name.
     """
 
     def __init__(self, path: Path) -> None:
-        if fcntl is None:
-            return
         self._file = _make(path)
         finalize(self, _release, path, self._file, os.getpid())
         try:
+            os.ftruncate(self._file, 0)  # it may have been a dead process's
+            os.lseek(self._file, 0, os.SEEK_SET)
             os.write(self._file, json.dumps({"process": os.getpid(), "host": socket.gethostname()}).encode())
         except OSError as error:
             raise cannot_be("written", path, error) from None
@@ -52,7 +70,7 @@ def lock_folder(path: Path) -> FolderLock:
     """The lock of the file `path`, which all users of this process share."""
     # Of the folder only: a link of the lock's name is somebody else's.
     place = Path(os.path.realpath(path.parent)) / path.name
-    # `flock` would refuse a second lock of this process too.
+    # The system would refuse a second lock of this process too.
     lock = _locks.get(place)
     if lock is None:
         lock = FolderLock(place)
@@ -77,7 +95,7 @@ def _open(path: Path, flags: int) -> int | None:
     """A file to read and write, not through a link; None if it is there and must be new, or the other way round."""
     try:
         # Non-blocking, because opening a pipe would wait for its other end.
-        return os.open(path, os.O_RDWR | NO_LINK | os.O_NONBLOCK | flags, 0o644)
+        return os.open(path, _FLAGS | flags, 0o644)
     except (FileExistsError, FileNotFoundError):
         if not path.parent.is_dir():
             raise
@@ -89,16 +107,17 @@ def _open(path: Path, flags: int) -> int | None:
 
 
 def _take(path: Path, file: int, *, is_new: bool) -> bool:
-    """Lock a new file, or remove one whose process is dead. Returns whether a new file is locked; else it is closed."""
+    """Lock a new file, or remove one whose process is dead; on Windows, lock that one. Returns whether the file is
+    locked; else it is closed."""
     is_taken = False
     try:
         if not is_new and not _is_lock_file(file):
             raise SolariError(f"{path}: isn't a lock of this package: move it, or give another folder")
-        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        _lock(file)
         # Before, another process may have taken the new file for one of a dead process, and removed it.
         is_there = _is_at(path, file)
-        is_taken = is_new and is_there
-        if is_there and not is_new:
+        is_taken = is_there and (is_new or _STAYS_WHILE_OPEN)
+        if is_there and not is_taken:
             path.unlink()
         return is_taken
     except BlockingIOError:
@@ -131,7 +150,8 @@ def _is_lock_file(file: int) -> bool:
 
 def _content(file: int) -> dict[str, Any]:
     try:
-        return dict(json.loads(os.pread(file, _LARGEST, 0)))
+        os.lseek(file, 0, os.SEEK_SET)
+        return dict(json.loads(os.read(file, _LARGEST)))
     except (ValueError, TypeError, RecursionError):
         return {}
 
@@ -147,7 +167,11 @@ def _owner(file: int) -> str:
 def _release(path: Path, file: int, process: int) -> None:
     # A forked process has the same objects, and isn't the owner. The file is removed while the lock still holds, and
     # only if it is the one that was made: it may have been replaced by another of its name.
+    is_ours = os.getpid() == process and _is_at(path, file)
     with contextlib.suppress(OSError):
-        if os.getpid() == process and _is_at(path, file):
+        if is_ours and not _STAYS_WHILE_OPEN:
             path.unlink()
     os.close(file)
+    with contextlib.suppress(OSError):  # of a file that another process has open by now
+        if is_ours and _STAYS_WHILE_OPEN:
+            path.unlink()

@@ -32,6 +32,7 @@ def _main(words: Sequence[str] | None) -> int:
     from solari_vk.cli.commands import COMMANDS
     from solari_vk.cli.options import parse
 
+    _print_all_characters()
     try:
         command, job = parse(COMMANDS, words)
         code = command.run(job)
@@ -58,6 +59,13 @@ def _main(words: Sequence[str] | None) -> int:
         print("solari-vk: an internal error; please report it with the lines above", file=sys.stderr)
         return 1
     return code
+
+
+def _print_all_characters() -> None:
+    """Have what the output's encoding lacks printed as escapes, as errors are: pipes of Windows have no UTF-8."""
+    reconfigure = getattr(sys.stdout, "reconfigure", None)
+    if reconfigure is not None and sys.stdout.errors == "strict":
+        reconfigure(errors="backslashreplace")
 
 
 def _parser() -> Any:

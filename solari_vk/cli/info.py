@@ -40,7 +40,7 @@ class Part(NamedTuple):
     module: str
     works: Callable[[], bool] = lambda: False
     """Whether it works without the module."""
-    libraries: tuple[str, ...] = ("_*.so",)
+    libraries: tuple[str, ...] = ("_*.so", "_*.pyd")
     """Patterns of the compiled files in the module's folder, which must load. Python itself is taken to work."""
 
 
@@ -49,7 +49,11 @@ PARTS = (
         "clean pictures of the path tracer (Open Image Denoise)",
         "oidn",
         "pyoidn",
-        libraries=("oidn/lib/libOpenImageDenoise.so.2", "oidn/lib/libOpenImageDenoise_device_cpu.so*"),
+        libraries=(
+            "oidn/lib/libOpenImageDenoise.so.2",
+            "oidn/lib/libOpenImageDenoise_device_cpu.so*",
+            "oidn/bin/OpenImageDenoise.dll",
+        ),
     ),
     Part("KTX2 textures of Basis Universal", "formats", "opengl_basisu"),
     Part("KTX2 textures of Zstandard", "formats", "backports.zstd", lambda: bool(find_spec("compression"))),
@@ -80,7 +84,8 @@ def run(job: object) -> None:
     for part in PARTS:
         print(f"{part.what}: {_state(part, reasons)}")
     if why_no_window:
-        print(f"windows: {why_no_window} (without a display: xvfb-run solari-vk view ...)")
+        hint = "" if sys.platform == "win32" else " (without a display: xvfb-run solari-vk view ...)"
+        print(f"windows: {why_no_window}{hint}")
     else:
         print("windows: yes")
     # Last, so that what doesn't need a device is known also where there is none.
@@ -96,7 +101,7 @@ def _compiler() -> str:
     from solari_vk.gpu.shaders import shaderc
 
     try:
-        return shaderc.version().split(" ")[0]
+        return shaderc.version().rsplit(" ", 2)[0]  # without size and time
     except SolariError as error:
         return str(error)
 
@@ -131,7 +136,7 @@ def _files(part: Part) -> list[str]:
         return []
     # A module is one library, or a folder with some.
     module = Path(spec.origin)
-    if module.suffix == ".so":
+    if module.suffix in (".so", ".pyd"):
         return [str(module)]
     return [str(path) for pattern in part.libraries for path in sorted(module.parent.glob(pattern))]
 

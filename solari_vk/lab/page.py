@@ -52,7 +52,7 @@ def _commit() -> str:
         return "unknown, not run from a checkout"
     try:
         command = ["git", "-C", str(root), "describe", "--always", "--dirty"]
-        done = subprocess.run(command, capture_output=True, text=True, check=False)
+        done = subprocess.run(command, capture_output=True, encoding="utf-8", check=False)
     except OSError:
         return "unknown, there is no git"
     return done.stdout.strip() or "unknown"

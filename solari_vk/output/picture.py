@@ -224,6 +224,8 @@ def _channels(name: str, layer: NDArray[Any]) -> dict[str, NDArray[Any]]:
 
 def why_no_desktop() -> str:
     """Why no file can be opened in a desktop's program, "" if one can."""
+    if hasattr(os, "startfile"):  # Windows
+        return ""
     if not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
         return "this session has no desktop (DISPLAY and WAYLAND_DISPLAY aren't set)"
     return "" if shutil.which("xdg-open") else "xdg-open is missing: install xdg-utils"
@@ -234,6 +236,13 @@ def open_on_desktop(path: Path) -> str:
     reason = why_no_desktop()
     if reason:
         return reason
+    start = getattr(os, "startfile", None)
+    if start is not None:
+        try:
+            start(path.resolve())
+        except OSError as error:
+            return f"Windows found no program for {path.suffix} files ({error.strerror})"
+        return ""
     # In a session of its own, so that Ctrl-C in the terminal doesn't close the program that shows the picture.
     none = subprocess.DEVNULL
     process = subprocess.Popen(

@@ -21,17 +21,20 @@ from solari_vk.base.files import (
     followed,
     open_regular,
     read_regular,
+    replace,
     whole_file,
     write_whole,
 )
 
 STRANGER = 12345  # another user's number
+IS_ROOT = hasattr(os, "geteuid") and os.geteuid() == 0
 
 
 def write(path):
     write_whole(followed(path), "new")
 
 
+@pytest.mark.posix
 @pytest.mark.parametrize("attempt", [check_writable, write])
 def test_pipes_and_devices_are_no_files(tmp_path, attempt):
     """As root one could replace them."""
@@ -45,6 +48,7 @@ def test_pipes_and_devices_are_no_files(tmp_path, attempt):
     assert sorted(os.listdir(tmp_path)) == ["link.md", "pipe.md"]
 
 
+@pytest.mark.posix
 def test_a_link_stays_and_its_file_is_replaced(tmp_path):
     folder, link = tmp_path / "folder", tmp_path / "link.md"
     folder.mkdir()
@@ -58,6 +62,7 @@ def test_a_link_stays_and_its_file_is_replaced(tmp_path):
     assert (os.listdir(folder), sorted(os.listdir(tmp_path))) == (["file.md"], ["folder", "link.md"])
 
 
+@pytest.mark.posix
 def test_a_link_into_no_folder_names_the_folder(tmp_path):
     link = tmp_path / "link.md"
     link.symlink_to("missing/file.md")
@@ -65,6 +70,7 @@ def test_a_link_into_no_folder_names_the_folder(tmp_path):
         write(link)
 
 
+@pytest.mark.posix
 def test_a_name_that_is_too_long(tmp_path):
     for attempt in (check_writable, write):
         with pytest.raises(SolariError, match=r"can't be written: File name too long: choose a shorter name$"):
@@ -78,6 +84,7 @@ def test_an_error_of_a_library_has_a_remedy(tmp_path):
     assert said.endswith("unknown encoder: make room there, choose another folder, or mend what the reason names")
 
 
+@pytest.mark.posix
 def test_names_beside_a_file_can_not_be_foreseen_or_taken(tmp_path, monkeypatch):
     """A link that somebody put in the way is neither followed nor replaced."""
     seen = []
@@ -94,6 +101,7 @@ def test_names_beside_a_file_can_not_be_foreseen_or_taken(tmp_path, monkeypatch)
     assert (tmp_path / "victim").read_text() == "old"
 
 
+@pytest.mark.posix
 def test_names_that_the_package_chose_lead_nowhere(tmp_path):
     """A link that somebody put where a file of a folder is written is replaced, and not what it leads to."""
     victim, link = tmp_path / "victim", tmp_path / "views.json"
@@ -110,7 +118,7 @@ def test_names_that_the_package_chose_lead_nowhere(tmp_path):
             read()
 
 
-@pytest.mark.skipif(os.geteuid() != 0, reason="only root may give files away")
+@pytest.mark.skipif(not IS_ROOT, reason="only root may give files away")
 def test_links_of_other_users_lead_nowhere(tmp_path):
     victim, link = tmp_path / "victim.png", tmp_path / "picture.png"
     victim.write_text("precious")
@@ -130,6 +138,7 @@ def refuse():
     raise PermissionError(errno.EPERM, "not permitted")
 
 
+@pytest.mark.posix
 def test_a_new_file_has_no_more_readers_than_the_old_one(tmp_path, monkeypatch):
     """Whoever writes: the package, or a library to the name that it is given."""
     chown = os.chown
@@ -141,7 +150,7 @@ def test_a_new_file_has_no_more_readers_than_the_old_one(tmp_path, monkeypatch):
             path.chmod(mode)
             sv.save_image(path, black)
             assert stat.S_IMODE(path.stat().st_mode) == mode, name
-    if os.geteuid() == 0:
+    if IS_ROOT:
         os.chown(path, STRANGER, STRANGER)
         sv.save_image(path, black)
         assert (path.stat().st_uid, path.stat().st_gid) == (STRANGER, STRANGER)
@@ -205,7 +214,7 @@ DOORS = {
 }
 
 
-@pytest.mark.skipif(os.geteuid() != 0, reason="only root may give files away")
+@pytest.mark.skipif(not IS_ROOT, reason="only root may give files away")
 @pytest.mark.parametrize("door", DOORS)
 @pytest.mark.parametrize("links", [False, True])
 def test_a_cache_is_trusted_if_nobody_else_can_write_on_the_whole_way(tmp_path, monkeypatch, door, links):
@@ -225,6 +234,7 @@ def test_a_cache_is_trusted_if_nobody_else_can_write_on_the_whole_way(tmp_path, 
     assert not entry_is_trusted(way, monkeypatch)
 
 
+@pytest.mark.posix
 def test_a_new_cache_is_its_user_s_alone(tmp_path, monkeypatch):
     monkeypatch.setenv("SOLARI_VK_CACHE", str(tmp_path / "a" / "b"))
     before = os.umask(0)
@@ -240,6 +250,7 @@ def test_a_new_cache_is_its_user_s_alone(tmp_path, monkeypatch):
     assert disk_cache.load("c/entry") is None
 
 
+@pytest.mark.posix
 def test_a_link_to_another_ending_is_refused(tmp_path):
     """Writers choose the format by the ending."""
     (tmp_path / "store").write_text("kept")
@@ -247,3 +258,67 @@ def test_a_link_to_another_ending_is_refused(tmp_path):
     with pytest.raises(SolariError, match="ends otherwise"):
         sv.save_image(tmp_path / "picture.jpg", np.zeros((2, 2, 3), np.uint8))
     assert (tmp_path / "store").read_text() == "kept"
+
+
+# ---- what Windows does otherwise --------------------------------------------------------------------
+
+
+def in_use(path):
+    """The error of Windows for a file that another program has open."""
+    error = PermissionError(errno.EACCES, "used by another process", str(path))
+    error.winerror = 32
+    return error
+
+
+def test_a_file_that_is_in_use_for_a_moment_is_replaced(tmp_path, monkeypatch):
+    source, target = tmp_path / "new", tmp_path / "old"
+    refusals = [in_use(target)] * 3
+    move = os.replace
+
+    def busy(*paths):
+        if refusals:
+            raise refusals.pop()
+        move(*paths)
+
+    source.write_text("new")
+    monkeypatch.setattr(os, "replace", busy)
+    replace(source, target)
+    assert (refusals, target.read_text()) == ([], "new")
+
+
+def test_a_file_that_stays_in_use_is_named_with_the_remedy(tmp_path, monkeypatch):
+    def busy(*_):
+        raise in_use(tmp_path)
+
+    (tmp_path / "a.png").write_text("old")
+    monkeypatch.setattr(os, "replace", busy)
+    monkeypatch.setattr("solari_vk.base.files._IN_USE_SECONDS", 0.05)
+    with pytest.raises(SolariError, match="used by another process: close the program that has it open"):
+        write(tmp_path / "a.png")
+    assert os.listdir(tmp_path) == ["a.png"]
+
+
+def test_windows_long_paths_and_names_of_its_own(tmp_path, monkeypatch):
+    error = FileNotFoundError(errno.ENOENT, "The system cannot find the path")
+    error.winerror = 3
+    assert "enable long paths in Windows" in str(cannot_be("written", tmp_path / f"{'a/' * 200}b.png", error))
+    monkeypatch.setattr(os.path, "isreserved", lambda name: name.startswith("nul."), raising=False)
+    with pytest.raises(SolariError, match=r"nul\.png: is a name that Windows keeps for itself"):
+        write(tmp_path / "nul.png")
+    write(tmp_path / "null.png")
+
+
+def test_the_cache_is_read_where_files_have_no_owners(tmp_path, monkeypatch):
+    """Windows says of every file that all may write it."""
+    monkeypatch.setenv("SOLARI_VK_CACHE", str(tmp_path))
+    monkeypatch.delattr(os, "geteuid", raising=False)
+    disk_cache.store("entry", b"mine")
+    (tmp_path / "entry").chmod(0o666)
+    assert disk_cache.load("entry") == b"mine"
+
+
+def test_the_cache_of_windows_is_local(monkeypatch):
+    monkeypatch.delenv("SOLARI_VK_CACHE", raising=False)
+    monkeypatch.setenv("LOCALAPPDATA", "/users/a/AppData/Local")
+    monkeypatch.setattr("sys.platform", "win32")
+    assert disk_cache.folder().as_posix() == "/users/a/AppData/Local/solari_vk/cache"

@@ -16,6 +16,7 @@ import sys
 import termios
 import time
 from pathlib import Path
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -186,6 +187,17 @@ def test_no_desktop_no_command_and_no_program_are_told(desktop_with, monkeypatch
     monkeypatch.setenv("PATH", "")
     assert said() == "xdg-open is missing: install xdg-utils"
     assert not noted.exists()
+
+
+def test_windows_opens_files_itself(desktop_with, monkeypatch, capsys, tmp_path):
+    opened = []
+    desktop_with(display=None)
+    monkeypatch.setattr(os, "startfile", opened.append, raising=False)
+    showing.open_file(tmp_path / "a.exr")
+    assert (opened, capsys.readouterr().err) == ([(tmp_path / "a.exr").resolve()], "")
+    monkeypatch.setattr(os, "startfile", Mock(side_effect=OSError(1155, "no association")))
+    showing.open_file(Path("a.exr"))
+    assert "Windows found no program for .exr files (no association)" in capsys.readouterr().err
 
 
 def test_a_program_that_stays_open_is_not_waited_for(desktop_with, monkeypatch, capsys, tmp_path):

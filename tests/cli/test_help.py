@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import io
 import re
 import shlex
 import subprocess
+import sys
 
 import pytest
 
@@ -81,6 +83,7 @@ def test_seconds_are_a_duration():
     assert jobs[0] == jobs[1]
 
 
+@pytest.mark.posix
 def test_bash_completes(tmp_path, capsys):
     assert cli.main(["completion", "bash"]) == 0
     script = tmp_path / "complete.sh"
@@ -111,3 +114,11 @@ def test_scripts_of_other_shells(capsys):
         assert part in text
         assert "trial" in text
         assert "__fish_use_subcommand' -f -a trial" not in text
+
+
+def test_what_the_output_can_not_encode_is_escaped(monkeypatch):
+    """As in a pipe on Windows."""
+    monkeypatch.setattr("sys.stdout", io.TextIOWrapper(io.BytesIO(), "cp1252"))
+    assert cli.main(["settings"]) == 0
+    print("\u2744.png", end="", flush=True)
+    assert sys.stdout.buffer.getvalue().endswith(rb"\u2744.png")

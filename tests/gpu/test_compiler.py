@@ -287,6 +287,25 @@ def fresh_lookup():
     shaderc.version.cache_clear()
 
 
+def test_a_library_is_known_by_its_file_where_the_loader_does_not_tell(tmp_path, fresh_lookup, monkeypatch):
+    """As on Windows: what is compiled is found again by the next process, and not after an update."""
+    file = tmp_path / "shaderc_shared.dll"
+    file.write_bytes(b"1")
+    monkeypatch.setenv("SOLARI_VK_SHADERC", str(file))
+    shaderc._declare()
+    monkeypatch.setattr(shaderc, "library", lambda: object())  # has no function whose file could be asked for
+    assert shaderc.version().startswith(f"{file.resolve()} 1 ")
+    shaderc.version.cache_clear()
+    file.write_bytes(b"22")
+    assert shaderc.version().startswith(f"{file.resolve()} 2")
+
+
+def test_lines_are_shown_whichever_sign_is_between_folders():
+    """Windows has two; a dot stands for them here."""
+    log = "folder/./a.comp:2: error: 'x' : undeclared"
+    assert compiler._with_source_lines(log, "folder/a.comp", b"void main() {\n  x;\n}", {}).endswith("\n    x;")
+
+
 def test_the_remedy_is_told_where_no_compiler_is_found(shaders, monkeypatch, fresh_lookup):
     shaders.write("user", WRITES_ONE)
     monkeypatch.setenv("PATH", "/nowhere")

@@ -6,8 +6,8 @@ import ctypes
 import dataclasses
 import itertools
 import math
+import mmap
 import os
-import resource
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -518,13 +518,15 @@ def resident_bytes() -> int:
 
     Without what the C library keeps of freed memory, whose holes grow where a driver compiles in several threads.
     """
+    if os.name != "posix":
+        return 0
     trim = getattr(ctypes.CDLL(None), "malloc_trim", None)
     if trim is not None:
         trim(0)
     if not os.path.exists("/proc/self/statm"):
         return 0
     with open("/proc/self/statm") as file:
-        return int(file.read().split()[1]) * resource.getpagesize()
+        return int(file.read().split()[1]) * mmap.PAGESIZE
 
 
 @contextmanager

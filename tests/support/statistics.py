@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike, NDArray
-from scipy import stats
 from support.seeded_bugs import Measurement, Rule
 
 from solari_vk.lab.measure.figures import interval
@@ -37,12 +37,12 @@ def chi_squared_p(observed: ArrayLike, expected: ArrayLike, min_expected: float 
     pooled = max(int(np.searchsorted(means, min_expected)), int(np.searchsorted(means.cumsum(), min_expected)) + 1)
     if means[0] < min_expected:
         counts, means = (np.append(values[pooled:], values[:pooled].sum()) for values in (counts, means))
-    return float(stats.chi2.sf(((counts - means) ** 2 / means).sum(), len(means) - 1)) if len(means) > 1 else 1.0
+    return float(scipy.stats.chi2.sf(((counts - means) ** 2 / means).sum(), len(means) - 1)) if len(means) > 1 else 1.0
 
 
 def standard_deviations(p_value: float) -> float:
     """How many standard deviations above its mean a normal variable has this one-sided p value; infinite for 0."""
-    return float(stats.norm.isf(p_value))
+    return float(scipy.stats.norm.isf(p_value))
 
 
 def sidak(alpha: float, count: int) -> float:
@@ -91,7 +91,7 @@ def compare_runs(observations, expected, bar):
     error = cells.std(axis=0, ddof=1) / math.sqrt(len(runs))
     t = (cells.mean(axis=0) - truth) / np.maximum(error, 1e-7 * np.abs(truth) + 1e-30)
     mean, half_width = relative_interval(runs, truth)
-    return int(holm(2 * stats.t.sf(np.abs(t), len(runs) - 1), ALPHA).sum()), abs(mean) + half_width <= bar
+    return int(holm(2 * scipy.stats.t.sf(np.abs(t), len(runs) - 1), ALPHA).sum()), abs(mean) + half_width <= bar
 
 
 # ---- pictures ----
@@ -134,7 +134,7 @@ class Comparison:
     @property
     def z_bar(self) -> float:
         """What `max_z` exceeds with probability ALPHA when the pictures agree (the first step of Holm's procedure)."""
-        return float(stats.norm.isf(ALPHA / (2 * self.z.size)))
+        return float(scipy.stats.norm.isf(ALPHA / (2 * self.z.size)))
 
     @property
     def reach(self) -> float:
@@ -202,13 +202,13 @@ def measure_tiles_t(rule, observations, expected):
     ours, theirs = tile_means_4x4(observations), tile_means_4x4(expected)
     # The standard errors of both sides add up as squares; a picture without runs is taken as exact. The floor of 1e-5
     # stands for the rounding of float32.
-    errors = [stats.sem(runs) for runs in (ours, theirs) if runs.ndim == 4]
+    errors = [scipy.stats.sem(runs) for runs in (ours, theirs) if runs.ndim == 4]
     right = theirs.mean(axis=0) if theirs.ndim == 4 else theirs
     t = np.abs(ours.mean(axis=0) - right) / (np.linalg.norm(errors, axis=0) + 1e-5 * right + 1e-30)
     worst = np.unravel_index(t.argmax(), t.shape)
     note = f"row {worst[0]}, column {worst[1]}: {ours.mean(axis=0)[worst] / max(right[worst], 1e-30) - 1:+.2%}"
     # Two-sided, and shared out over all tiles and channels (Bonferroni).
-    bar = float(stats.t.isf(0.5e-3 / t.size, len(ours) - 1))
+    bar = float(scipy.stats.t.isf(0.5e-3 / t.size, len(ours) - 1))
     return Measurement(rule, float(t.max()), bar, "standard errors", note)
 
 

@@ -25,6 +25,7 @@ from solari_vk.base.files import (
     open_regular,
     read_regular,
     remove_unfinished,
+    replace,
     whole_file,
     write_whole,
 )
@@ -215,7 +216,7 @@ def _store(folder: Path, task: RenderTask, files: dict[str, File]) -> None:
             _await_file(written)
             if written.parent != folder:
                 with whole_file(folder / name) as temporary:
-                    os.replace(written, temporary)
+                    replace(written, temporary)
         else:
             write_whole(folder / name, file.data)
 

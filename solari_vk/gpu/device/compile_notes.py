@@ -74,4 +74,6 @@ class CompileNotes:
 def _show_in_place(text: str) -> None:
     """Replace the line where the cursor is."""
     width = shutil.get_terminal_size().columns - 1
-    print(f"\r\x1b[K{text[:width]}", end="", file=sys.stderr, flush=True)
+    shown = text[:width]
+    # With spaces over the rest of what was there: older consoles of Windows know no codes for it.
+    print(f"\r{shown:<{width}}\r{shown}", end="", file=sys.stderr, flush=True)

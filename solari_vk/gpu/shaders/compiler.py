@@ -152,16 +152,17 @@ def _with_source_lines(log: str, filepath: str, source: bytes, generated: Mappin
         found = _POSITION.match(message)
         if found is None:
             continue
+        is_shader = Path(found["file"]) == Path(filepath)  # Windows has two signs between folders
         try:
-            known = {filepath: source, **generated}.get(found["file"])
+            known = source if is_shader else generated.get(found["file"])
             # A #line directive may name anything.
             text = read_regular(Path(found["file"]), found["file"]) if known is None else known
         except SolariError:
             continue
         lines = text.decode(errors="replace").splitlines()
         # A shader with a header has more lines than its file; line numbers refer to the file.
-        if found["file"] == filepath and os.path.isfile(filepath):
-            lines = Path(filepath).read_text(errors="replace").splitlines()
+        if is_shader and os.path.isfile(filepath):
+            lines = Path(filepath).read_text("utf-8", "replace").splitlines()
         if int(found["line"]) <= len(lines):
             shown.append("    " + lines[int(found["line"]) - 1].strip())
     return "\n".join(shown) or "the compiler failed without a message"

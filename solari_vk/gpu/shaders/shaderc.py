@@ -130,19 +130,29 @@ def version() -> str:
     """
     loaded = library()
     if loaded is not None:
-        try:
-            # The loader knows the file of a function, whose size and time change with each update of the library.
-            info = _ffi().new("Dl_info*")
-            _ffi().dlopen(None).dladdr(_ffi().cast("void*", loaded.shaderc_compiler_initialize), info)
-            return identity(os.fsdecode(_ffi().string(info.file)))
-        except (OSError, AttributeError, TypeError):  # Windows has no dladdr
-            return str(loaded)
+        return identity(_file_of(loaded))
     return identity(_glslc())
+
+
+def _file_of(loaded: Any) -> str:
+    """The file of the library, whose size and time change with each update."""
+    try:
+        # The loader knows the file of a function.
+        info = _ffi().new("Dl_info*")
+        _ffi().dlopen(None).dladdr(_ffi().cast("void*", loaded.shaderc_compiler_initialize), info)
+        return os.fsdecode(_ffi().string(info.file))
+    except (OSError, AttributeError, TypeError):  # Windows has no dladdr, and looks for libraries on the PATH
+        from ctypes.util import find_library
+
+        names = _library_names()
+        return next((path for path in map(find_library, names) if path), names[0])
 
 
 def identity(path: str) -> str:
     """A string that differs between builds of a compiler, by its file."""
     file = Path(path).resolve()
+    if not file.is_file():  # a name that the loader found elsewhere
+        return f"{path} 0 0"
     status = file.stat()
     return f"{file} {status.st_size} {status.st_mtime_ns}"
 

@@ -16,6 +16,7 @@ from multiprocessing.connection import Connection
 from multiprocessing.process import BaseProcess
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import Any
 
 from solari_vk.lab.conformance.outcomes import CRASH, HANG, Check
 from solari_vk.lab.conformance.worker import CheckBegan, Send, SuiteOptions, measure_checks
@@ -75,7 +76,7 @@ def _run(options: SuiteOptions, checks: Sequence[Check], sending: Connection, lo
     sending.send(CheckBegan(Check(checks[0].group, LEAVING)))
 
 
-def _watch(child: BaseProcess, receiving: Connection, send: Send, limit: float, log: Path) -> Death | None:
+def _watch(child: BaseProcess, receiving: Any, send: Send, limit: float, log: Path) -> Death | None:
     """Pass the child's messages on until it ends or is too slow."""
     case = ""
     began = time.monotonic()

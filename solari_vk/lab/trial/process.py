@@ -96,7 +96,7 @@ class Process:
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
                 stderr=log,
-                text=True,
+                encoding="utf-8",
                 env=environment,
                 start_new_session=True,  # Ctrl-C is for the parent, which ends its children
             )
@@ -150,7 +150,7 @@ class Process:
         return f"crashed with {signal.Signals(-code).name}" if code < 0 else f"ended with exit code {code}"
 
     def _last_words(self) -> str:
-        lines = [line.strip() for line in self._log.read_text(errors="replace").splitlines()]
+        lines = [line.strip() for line in self._log.read_text("utf-8", "replace").splitlines()]
         last = next((line for line in reversed(lines) if line), "")
         return f"; its last words: {last[:200]}" if last else ""
 

@@ -270,14 +270,18 @@ async def run_server(hub: Hub, sock: socket.socket, token: str | None, started: 
     def end() -> None:
         ended.set()
         for name in (signal.SIGINT, signal.SIGTERM):
-            loop.remove_signal_handler(name)
-        signal.signal(signal.SIGINT, signal.SIG_DFL)
+            with suppress(NotImplementedError):
+                loop.remove_signal_handler(name)
+            signal.signal(name, signal.SIG_DFL)
 
     server = Server(hub, sock, token)
     try:
         await hub.open()
         for name in (signal.SIGINT, signal.SIGTERM):
-            loop.add_signal_handler(name, end)
+            try:
+                loop.add_signal_handler(name, end)
+            except NotImplementedError:  # the loops of Windows, which signals wake up all the same
+                signal.signal(name, lambda *_: loop.call_soon_threadsafe(end))
         await server.open()
         started()
         hub.failed.add_done_callback(lambda _: ended.set())

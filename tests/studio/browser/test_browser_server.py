@@ -6,6 +6,7 @@ import asyncio
 import io
 import json
 import math
+import signal
 import socket
 import sys
 import threading
@@ -22,7 +23,7 @@ from solari_vk.cli import main
 from solari_vk.studio.browser import stream
 from solari_vk.studio.browser.hub import MAX_PAGES, MAX_VIEWS, Hub
 from solari_vk.studio.browser.pace import IN_FLIGHT, LEVELS, Pace
-from solari_vk.studio.browser.server import is_loopback, listen
+from solari_vk.studio.browser.server import is_loopback, listen, run_server
 from solari_vk.studio.browser.stream import as_json
 
 QUIET = 0.15  # seconds in which a view that still renders would have rendered
@@ -461,3 +462,23 @@ def test_the_command_says_what_is_missing(monkeypatch, capsys):
         ("no such file", "at least 8", "from 0 to 65535", "pip install 'solari-vk[serve]'"), said, strict=True
     ):
         assert words in line
+
+
+def test_signals_end_the_server_where_loops_have_no_handlers_of_them(monkeypatch):
+    """As on Windows."""
+
+    def refuse(*_):
+        raise NotImplementedError
+
+    for name in ("add_signal_handler", "remove_signal_handler"):
+        monkeypatch.setattr(asyncio.SelectorEventLoop, name, refuse)
+    signals = signal.SIGINT, signal.SIGTERM
+    before = [signal.getsignal(number) for number in signals]
+    try:
+        with listen("127.0.0.1", 0) as sock:
+            hub = Hub(lambda: FakeScreens(), False)
+            asyncio.run(run_server(hub, sock, None, lambda: signal.raise_signal(signal.SIGTERM)))
+        assert [signal.getsignal(number) for number in signals] == [signal.SIG_DFL] * 2  # a second one ends the process
+    finally:
+        for number, handler in zip(signals, before, strict=True):
+            signal.signal(number, handler)
