@@ -240,15 +240,15 @@ def naming(word: str) -> set[Path]:
 
 
 def test_only_trace_names_ray_queries():
-    """Passes trace by trace.glsl, by queries or by pipelines. ray_query.glsl and its debug build have the functions
+    """Passes trace by trace.glsl, by queries or by pipelines. ray_query.glsl and ray_pipeline.glsl have the functions
     of the wgpu document, for users and the suite; no pass of the renderer reaches them."""
-    queries = {GLSL / "scene" / name for name in ("ray_query.glsl", "ray_query_debug.glsl")}
+    queries = {GLSL / "scene" / name for name in ("ray_query.glsl", "ray_query_state.glsl")}
     assert naming(r"rayQuery\w*EXT|GL_EXT_ray_query") == {*queries, TRACE}
     assert naming(r"rayPayload\w*EXT|traceRayEXT|GL_EXT_ray_tracing\b") == {
         path
         for path in TRACE.parent.glob("trace.*")
         if path.suffix != ".spv"  # which building a wheel leaves
-    }
+    } | {GLSL / "scene/ray_pipeline.glsl"}
     users = [path for path in ENTRY_POINTS if not reached(path).isdisjoint(queries)]
     assert users
     assert all(SUITE in path.parents for path in users)

@@ -13,11 +13,11 @@
 //
 // SCENE_MASK, of scene/bindings.glsl, is for the `tlas` of a SceneFrame, where 0xFFu hits hidden instances too.
 //
-// A pass with the header `#define RAY_QUERY_DEBUG` ignores each call whose result the document leaves undefined, and
-// counts it in `ray_query_faults`, which `solari_vk.renderers.rt.check_ray_queries` reads. Without this header the
-// behavior of such calls is undefined, with one exception: rays with NaN, infinities or an empty range never hit
-// anything.
-// Differs from wgpu: a macro declares queries, because GLSL can't store a query in a structure beside its debug state.
+// Calls that the document discards, such as those of a query that wasn't initialized, do nothing, and what they return
+// is zero; an invalid ray hits nothing. With the header `#define RAY_QUERY_DEBUG` a pass counts them in
+// `ray_query_faults`, which `solari_vk.renderers.rt.check_ray_queries` reads. A function takes a query by
+// `void look(RAY_QUERY_PARAMETER(query))` and is called by `look(RAY_QUERY_ARGUMENT(query))`.
+// Differs from wgpu: a macro declares queries, because GLSL can't store a query in a structure beside its state.
 #ifndef SCENE_RAY_QUERY_GLSL
 #define SCENE_RAY_QUERY_GLSL
 
@@ -25,18 +25,9 @@
 #extension GL_EXT_ray_flags_primitive_culling : require
 #extension GL_EXT_scalar_block_layout : require
 
-#include "generated/gpu/frame/ray_query_constants.glsl"
+#include "scene/ray_desc.glsl"
 
 layout(primitive_culling);  // SKIP_TRIANGLES and SKIP_AABBS need it; every device with ray queries supports it
-
-struct RayDesc {
-    uint flags;
-    uint cull_mask;  // the ray ignores instances whose mask shares no bit with it
-    float t_min;
-    float t_max;
-    vec3 origin;
-    vec3 dir;  // of any length, which is the unit of t
-};
 
 struct RayIntersection {
     uint kind;  // RAY_QUERY_INTERSECTION_NONE: the other fields are undefined
@@ -98,17 +89,6 @@ RayIntersection ray_query_no_intersection() {
 RAY_QUERY_DEFINE_GETTER(ray_query_committed, true, ray_query_committed_kind(query))
 RAY_QUERY_DEFINE_GETTER(ray_query_candidate, false, ray_query_candidate_kind(query))
 
-// Returns false for rays that Vulkan leaves undefined and that could hang a device. Tests bit patterns, because Vulkan
-// allows devices to ignore NaN in comparisons. An infinite t_max is valid.
-bool ray_query_is_valid(RayDesc desc) {
-    const uint infinity = 0x7F800000u, no_sign = 0x7FFFFFFFu;
-    uvec3 origin = floatBitsToUint(desc.origin) & no_sign, dir = floatBitsToUint(desc.dir) & no_sign;
-    uint t_min = floatBitsToUint(desc.t_min) & no_sign, t_max = floatBitsToUint(desc.t_max) & no_sign;
-    bool finite = all(lessThan(origin, uvec3(infinity))) && all(lessThan(dir, uvec3(infinity)));
-    bool numbers = t_min < infinity && t_max <= infinity;
-    return finite && numbers && any(notEqual(desc.dir, vec3(0.0))) && desc.t_min >= 0.0 && desc.t_min <= desc.t_max;
-}
-
 // Replaces a ray that breaks a rule: its mask matches no instance.
 const RayDesc RAY_QUERY_NO_RAY = RayDesc(RAY_FLAG_NONE, 0u, 0.0, 0.0, vec3(0.0), vec3(0.0, 0.0, 1.0));
 
@@ -127,26 +107,6 @@ vec3[3] ray_query_positions(spirv_by_reference rayQueryEXT query, int committed)
 
 // ---- the document's functions -----------------------------------------------------------------------
 
-#ifdef RAY_QUERY_DEBUG
-#include "scene/ray_query_debug.glsl"
-#else
-#define RAY_QUERY(query) rayQueryEXT query
-#define rayQueryInitialize(query, structure, desc) ray_query_initialize(query, structure, desc)
-#define rayQueryProceed(query) rayQueryProceedEXT(query)
-#define rayQueryGenerateIntersection(query, hit_t) ray_query_generate(query, hit_t)
-#define rayQueryConfirmIntersection(query) rayQueryConfirmIntersectionEXT(query)
-#define rayQueryTerminate(query) rayQueryTerminateEXT(query)
-#define rayQueryGetCommittedIntersection(query) ray_query_committed(query)
-#define rayQueryGetCandidateIntersection(query) ray_query_candidate(query)
-#define getCommittedHitVertexPositions(query) ray_query_positions(query, 1)
-#define getCandidateHitVertexPositions(query) ray_query_positions(query, 0)
-
-void ray_query_initialize(rayQueryEXT query, accelerationStructureEXT structure, RayDesc desc) {
-    if (!ray_query_is_valid(desc)) { desc = RAY_QUERY_NO_RAY; }
-    rayQueryInitializeEXT(
-        query, structure, desc.flags, desc.cull_mask & 0xFFu, desc.origin, desc.t_min, desc.dir, desc.t_max
-    );
-}
-#endif
+#include "scene/ray_query_state.glsl"
 
 #endif

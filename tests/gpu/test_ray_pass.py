@@ -289,6 +289,10 @@ def test_mistakes_are_refused(ray_device, root, tlas, any_device):
     for threads in ((1 << 15, 1 << 15), (most + 1,)):
         with pytest.raises(SolariError, match=rf"pass demo: .* threads, but .* launch at most {most:,}"):
             run(ray_device, root, tlas, RayPass("demo", threads=threads, misses=MISSES, hits=HITS))
+    for depth in (0, 10**6, 1.5):
+        deep = RayPass("demo", threads=1, misses=MISSES, hits=HITS, max_recursion_depth=depth)
+        with pytest.raises(SolariError, match=r"pass demo: max_recursion_depth is a whole number from 1 to \d+"):
+            run(ray_device, root, tlas, deep)
     with pytest.raises(SolariError, match=r"no shader passes/demo/none\.rmiss"):
         run(ray_device, root, tlas, RayPass("demo", threads=1, misses=["passes/demo/none.rmiss"]))
     with Device(rays="query") as device, pytest.raises(SolariError, match=r"pass demo: .*rays='pipeline'"):

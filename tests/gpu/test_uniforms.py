@@ -139,3 +139,51 @@ def test_fields_must_exist_and_follow_each_other():
             packing(RECORD, names)
     with pytest.raises(SolariError, match=r"no field near; there are matrix, count"):
         packing(RECORD, ["matrix", "near"])
+
+
+FILLED = """
+struct Ray { vec3 origin; uint id; };
+layout(set = 1, scalar) buffer RaysBlock { Ray at[]; } rays;
+layout(set = 1, scalar) buffer NumbersBlock { uint at[]; } numbers;
+layout(set = 1, scalar) buffer PointsBlock { vec2 at[]; } points;
+layout(set = 1, scalar) buffer TotalBlock { uint sum; float other; } total;
+layout(set = 1, r8) uniform image2D picture;
+layout(local_size_x = 1) in;
+void main() {
+    total.sum += rays.at[1].id + numbers.at[2] + uint(points.at[1].y);
+    imageStore(picture, ivec2(0), vec4(1.0));
+}
+"""
+
+
+def test_buffers_are_filled_by_name(device, shaders):
+    shaders.write("fill", FILLED)
+    buffers = {"rays": 2, "numbers": 4, "points": 2, "total": 1}
+    stage = Stage("fill", buffers, {"picture": (1, 1)}, passes=[Pass("fill", threads=1)])
+    with Frame(device, [stage], glsl_root=shaders.root) as frame:
+        rays = np.zeros(2, frame.binding("rays").element)
+        rays["id"] = 1, 2
+        frame["rays"] = rays
+        frame["numbers"] = [10, 20, 30]
+        frame["points"] = np.array([[1, 2], [3, 4]])  # whole numbers of 64 bits
+        frame["total"] = np.array((100, 0.5), frame.binding("total").dtype)
+        frame.submit()
+        assert frame["total"]["sum"] == 100 + 2 + 30 + 4
+        np.testing.assert_array_equal(frame["numbers"], [10, 20, 30, 0])
+        for name, values, message in (
+            (
+                "numbers",
+                np.zeros(3, np.float32),
+                "numbers: the array is of float32, and the shader's elements are uint32",
+            ),
+            ("numbers", [-1], "numbers: the array has numbers beyond the range of the shader's elements, uint32"),
+            ("numbers", np.zeros(5, np.uint32), r"numbers: the buffer has 4 elements, and the .* array is \(5,\)"),
+            ("numbers", 3, r"numbers: the buffer has 4 elements, and the shape of the array is \(\)"),
+            ("points", np.zeros((2, 3)), r"points: the shape of the array is \(2, 3\); .* float32, \(2,\) each"),
+            ("points", np.zeros((2, 2), complex), "points: the array is of complex128, and the shader's elements"),
+            ("rays", np.zeros(2), "rays: the array is of float64, and the shader's elements are .*origin"),
+            ("picture", np.zeros((1, 1)), "picture is a storage_image: only buffers can be filled"),
+            ("nothing", [1], "the frame has no resource nothing; there are numbers, picture"),
+        ):
+            with pytest.raises(SolariError, match=message):
+                frame[name] = values

@@ -21,9 +21,12 @@ import numpy as np
 from solari_vk.base.errors import SolariError, checked_keywords
 from solari_vk.gpu.device import raw
 from solari_vk.gpu.device.barriers import full_barrier
+from solari_vk.gpu.device.buffer import Buffer
 from solari_vk.gpu.device.commands import CommandPool, Recorded
 from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.device.image import Image
+from solari_vk.gpu.frame.descriptors import BufferRange
+from solari_vk.gpu.frame.filling import converted
 from solari_vk.gpu.frame.hazards import plan_barriers
 from solari_vk.gpu.frame.in_parts import InParts
 from solari_vk.gpu.frame.program import Program, ProgramBuilder
@@ -243,6 +246,28 @@ class Frame(InParts):
         if binding.dtype is None:
             raise SolariError(f"{name} is a {binding.kind} and can't be read")
         return resource.read(binding.dtype, 1).reshape(())  # type: ignore[no-any-return]
+
+    def __setitem__(self, name: str, values: Any) -> None:
+        """Fill a buffer from its first element on, before the next frame: `frame["rays"] = array`.
+
+        values (N, ...): what `frame[name]` returns, or what can be converted to that without loss of kind: numbers to
+        floats, whole numbers in range to integers. Of a history it is the latest frame's, the next one's previous_NAME.
+        Raises SolariError for too many elements, another shape, and types that don't fit.
+        """
+        resource = self.resource(name)
+        binding = self.binding(name)
+        if binding.kind != "storage_buffer" or not isinstance(resource, Buffer | BufferRange):
+            raise SolariError(f"{name} is a {binding.kind}: only buffers can be filled; frame.uniforms has uniforms")
+        shape: tuple[int, ...] = ()
+        dtype, offset = binding.dtype, 0
+        if binding.element is not None:
+            shape, dtype, offset = self._elements(name)
+        assert dtype is not None
+        array = converted(name, values, dtype, shape)
+        if isinstance(resource, BufferRange):
+            resource.buffer.upload(array, resource.offset + offset)
+        else:
+            resource.upload(array, offset)
 
     def tensor(self, name: str, count: int | None = None) -> np.ndarray | CudaTensor:
         """What `frame[name]` is, as a tensor that stays on the device: a copy that later frames don't change.

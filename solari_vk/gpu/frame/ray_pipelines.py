@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from numbers import Integral
+from typing import Any
 
 import numpy as np
 
-from solari_vk.base.errors import SolariError
+from solari_vk.base.errors import SolariError, quoted
 from solari_vk.gpu.device import raw
 from solari_vk.gpu.device.device import Device
 
@@ -28,10 +30,11 @@ class RayGroups:
 
     misses: tuple[int, ...]
     hits: tuple[tuple[int | None, int | None, int | None], ...]
+    depth: int = 1  # of nested rays
 
 
 def ray_create_info(stages: Sequence[raw.CData], groups: RayGroups, layout: raw.CData) -> raw.CData:
-    """VkRayTracingPipelineCreateInfoKHR. Only the ray generation shader traces."""
+    """VkRayTracingPipelineCreateInfoKHR."""
     # Groups are numbered in this order: ray generation, misses, hits; records of the table follow it.
     infos = [_group(raw.VK_RAY_TRACING_SHADER_GROUP_TYPE_GENERAL_KHR, general=i) for i in (0, *groups.misses)]
     for closest, any_hit, intersection in groups.hits:
@@ -47,8 +50,8 @@ def ray_create_info(stages: Sequence[raw.CData], groups: RayGroups, layout: raw.
         pStages=list(stages),
         groupCount=len(infos),
         pGroups=infos,
-        # A deeper stack would take memory for each thread.
-        maxPipelineRayRecursionDepth=1,
+        # A deeper stack takes memory for each thread.
+        maxPipelineRayRecursionDepth=groups.depth,
         layout=layout,
     )
 
@@ -119,6 +122,16 @@ class ShaderBindingTable:
 
 def _aligned(value: int, alignment: int) -> int:
     return -(-value // alignment) * alignment
+
+
+def check_depth(device: Device, name: str, depth: Any) -> int:
+    """How deep rays of a pass nest. Raises SolariError for a number that the device can't have."""
+    most = int(device.properties.ray_pipelines.maxRayRecursionDepth)
+    if not isinstance(depth, Integral) or not 1 <= int(depth) <= most:
+        raise SolariError(
+            f"pass {name}: max_recursion_depth is a whole number from 1 to {most} on this device, not {quoted(depth)}"
+        )
+    return int(depth)
 
 
 def check_launch(device: Device, name: str, threads: tuple[int, int, int]) -> None:

@@ -99,11 +99,13 @@ class RayPass(Pass):
 
     `misses` are the paths of miss shaders below the GLSL root. `misses` and `hits` are the records of the shader
     binding table in their order; a shader or a group may appear several times. `constants` and `header` are those of
-    all shaders of the pass. Only for devices that trace rays by pipelines.
+    all shaders of the pass. `max_recursion_depth`: how deep traced rays nest: 1 where the ray generation shader alone
+    traces, 2 where the hit and miss shaders of its rays do too. Only for devices that trace rays by pipelines.
     """
 
     misses: Sequence[str] = ()
     hits: Sequence[HitGroup] = ()
+    max_recursion_depth: int = 1
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,7 @@ from solari_vk.base.files import read_regular
 from solari_vk.gpu.device.compiling import announced
 from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.device.rays import IN_WORDS
-from solari_vk.gpu.frame.ray_pipelines import RayGroups
+from solari_vk.gpu.frame.ray_pipelines import RayGroups, check_depth
 from solari_vk.gpu.frame.stages import Draw, HitGroup, Pass, RayPass, Step
 from solari_vk.gpu.shaders import foreign, ray_generation, slang
 from solari_vk.gpu.shaders.compiler import COMMON_FEATURES, Roots, compile_shader, folders, roots
@@ -150,7 +150,8 @@ class Modules(dict[ModuleKey, Module]):
                     f"pass {item.name}: it has hit and miss shaders of its own, but this device traces by "
                     f"{IN_WORDS[self._device.rays]}: open it with rays='pipeline'"
                 )
-            return _ray_shaders(keys, item.misses, item.hits, item.header)
+            depth = check_depth(self._device, item.name, item.max_recursion_depth)
+            return _ray_shaders(keys, item.misses, item.hits, item.header, depth)
         # `compile_shader` has made a ray generation shader of a compute shader that traces.
         if isinstance(item, Pass) and self[keys[0]].main.stage == "rgen":
             return _ray_shaders(keys, [_MISS], [self._hit], "")
@@ -158,7 +159,7 @@ class Modules(dict[ModuleKey, Module]):
 
 
 def _ray_shaders(
-    ray_generation: list[ModuleKey], misses: Sequence[str], hits: Sequence[HitGroup], header: str
+    ray_generation: list[ModuleKey], misses: Sequence[str], hits: Sequence[HitGroup], header: str, depth: int = 1
 ) -> StepShaders:
     """A ray generation shader with the shaders of its misses and hits, each once, and their groups."""
     # A shader that several groups share is one stage of the pipeline.
@@ -170,6 +171,7 @@ def _ray_shaders(
     groups = RayGroups(
         tuple(number[path] for path in misses),
         tuple((number.get(h.closest_hit), number.get(h.any_hit), number.get(h.intersection)) for h in hits),
+        depth,
     )
     where = ray_generation[0].folders
     return StepShaders([*ray_generation, *(ModuleKey(path, header, where) for path in number)], groups)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from solari_vk.lab.conformance import (
     bulk_checks,
+    discarded_checks,
     embree_checks,
     position_checks,
     probe_checks,
@@ -44,12 +45,14 @@ GROUPS: dict[str, dict[str, Measure]] = {
         "launches": by(
             "pipeline", ray_pipeline_checks.LAUNCH_RULES, with_shaders(ray_pipeline_checks.measure_launches)
         ),
+        "nested": by("pipeline", discarded_checks.NESTED_RULES, with_shaders(discarded_checks.measure_nested)),
         "reports": by("pipeline", ray_pipeline_checks.REPORT_RULES, with_shaders(ray_pipeline_checks.measure_reports)),
     },
     "ray_queries": {
         **cases_of("probes", ray_cases.probes, *BUILD_MODES),
         **cases_of("probes", ray_cases.probes, *((FRESH, stage) for stage in probe_checks.STAGES[1:])),
         "not_finite": by("query", bulk_checks.NOT_FINITE_RULES, with_shaders(bulk_checks.measure_not_finite)),
+        "discarded": by("query", discarded_checks.DISCARDED_RULES, with_shaders(discarded_checks.measure_discarded)),
         "vertex_return": by("query", position_checks.RULES.values(), ray_cases.vertex_return),
     },
     "ray_traversal": {

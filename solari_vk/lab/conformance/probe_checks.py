@@ -21,7 +21,7 @@ from solari_vk.scene.matrices import by_columns
 _ORDER = list(INSTANCES)
 _GETTERS = Rule("OpRayQueryGetRayTMin, RayFlags, WorldRayOrigin, WorldRayDirection", VULKAN, "Ray Query")
 _OBJECT_RAY = Rule("OpRayQueryGetIntersectionObjectRayOrigin, Direction", VULKAN, "Ray Query")
-_NO_FAULTS = Rule("the debug build reports no fault for valid queries", SUITE, "ray_query_debug.glsl")
+_NO_FAULTS = Rule("the debug build reports no fault for valid queries", SUITE, "ray_query_state.glsl")
 _PROCEED = call_rule("rayQueryProceed returns false in the end, and again when called again")
 _OPAQUE_BOX = Rule("OpRayQueryGetIntersectionCandidateAABBOpaque", VULKAN, "Ray Query")
 
@@ -51,7 +51,7 @@ def run_rays(
     shaders: ShaderRunner, structures: Structures, rays: np.ndarray, stage: str = STAGES[0]
 ) -> tuple[np.ndarray, np.ndarray]:
     """The answer of each ray in one of STAGES, and how often the debug build found each of rt.RULES broken."""
-    # The layout of glsl/scene/ray_query_debug.glsl: a count, and the first invocation.
+    # The layout of glsl/scene/ray_query_state.glsl: a count, and the first invocation.
     faults = np.zeros(len(rt.RULES), [("count", "<u4"), ("invocation", "<u4", 3)])
     inputs = {"tlas": structures.tlas, "probes": rays}
     outputs: dict[str, int | np.ndarray] = {"answers": len(rays)}

@@ -249,7 +249,7 @@ def test_another_number_for_boxes_is_noticed(device, monkeypatch):
         expect_red(probe(shaders), "stops at each AABB")
 
 
-RAY_CHECK = ("scene/ray_query.glsl", "ray_query_is_valid")
+RAY_CHECK = ("scene/ray_desc.glsl", "ray_query_is_valid")
 RAY_CHECK_BUGS = {
     "in place of each invalid ray": Bug(*RAY_CHECK, "return desc.t_min >= 0.0 && correct(desc) || isnan(desc.t_max);"),
     "empty range) hit nothing": Bug(*RAY_CHECK, "desc.t_min = max(desc.t_min, 0.0); return correct(desc);"),

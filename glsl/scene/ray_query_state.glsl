@@ -1,20 +1,9 @@
-// The debug build of ray_query.glsl: a record beside each query tracks its state, and each broken rule is counted.
-#ifndef SCENE_RAY_QUERY_DEBUG_GLSL
-#define SCENE_RAY_QUERY_DEBUG_GLSL
+// The document's functions: a record beside each query tracks its state, by which calls are discarded, and in the debug
+// build counted by the rule that they broke.
+#ifndef SCENE_RAY_QUERY_STATE_GLSL
+#define SCENE_RAY_QUERY_STATE_GLSL
 
 #include "generated/gpu/frame/ray_query_faults.glsl"
-
-#ifndef RAY_QUERY_INVOCATION
-#define RAY_QUERY_INVOCATION gl_GlobalInvocationID
-#endif
-
-struct RayQueryFault {
-    uint count;
-    uvec3 invocation;  // the first invocation that broke the rule
-};
-layout(set = 1, scalar) buffer RayQueryFaultsBlock {
-    RayQueryFault at[];
-} ray_query_faults;
 
 const uint RAY_QUERY_UNKNOWN = 0u;
 const uint RAY_QUERY_INITIALIZED = 1u;
@@ -27,6 +16,19 @@ struct RayQueryRecord {
     float t_max;
 };
 
+#ifdef RAY_QUERY_DEBUG
+#ifndef RAY_QUERY_INVOCATION
+#define RAY_QUERY_INVOCATION gl_GlobalInvocationID
+#endif
+
+struct RayQueryFault {
+    uint count;
+    uvec3 invocation;  // the first invocation that broke the rule
+};
+layout(set = 1, scalar) buffer RayQueryFaultsBlock {
+    RayQueryFault at[];
+} ray_query_faults;
+
 // Returns whether a rule is kept, and counts the fault otherwise.
 bool ray_query_rule(bool kept, uint fault) {
     if (!kept && atomicAdd(ray_query_faults.at[fault].count, 1u) == 0u) {
@@ -34,14 +36,9 @@ bool ray_query_rule(bool kept, uint fault) {
     }
     return kept;
 }
-
-bool ray_query_at_most_one(uint flags) { return (flags & (flags - 1u)) == 0u; }
-
-bool ray_query_flags_agree(uint flags) {
-    return ray_query_at_most_one(flags & (FORCE_OPAQUE | FORCE_NO_OPAQUE | CULL_OPAQUE | CULL_NO_OPAQUE))
-        && ray_query_at_most_one(flags & (CULL_BACK_FACING | CULL_FRONT_FACING | SKIP_TRIANGLES))
-        && ray_query_at_most_one(flags & (SKIP_TRIANGLES | SKIP_AABBS));
-}
+#else
+#define ray_query_rule(kept, fault) (kept)
+#endif
 
 // A ray that breaks a rule is replaced by one that meets nothing.
 void ray_query_initialize(
@@ -80,9 +77,8 @@ void ray_query_confirm_checked(rayQueryEXT query, RayQueryRecord record) {
 }
 
 void ray_query_terminate_checked(rayQueryEXT query, RayQueryRecord record) {
-    if (ray_query_rule(record.phase != RAY_QUERY_UNKNOWN, FAULT_TERMINATE_BEFORE_INITIALIZE)) {
-        rayQueryTerminateEXT(query);
-    }
+    if (!ray_query_rule(record.phase != RAY_QUERY_UNKNOWN, FAULT_TERMINATE_BEFORE_INITIALIZE)) { return; }
+    if (record.phase != RAY_QUERY_DONE) { rayQueryTerminateEXT(query); }
 }
 
 // Returns whether the query is in the phase that a getter requires.
@@ -124,6 +120,8 @@ vec3[3] ray_query_candidate_positions(rayQueryEXT query, RayQueryRecord record) 
 #endif
 
 #define RAY_QUERY(query) rayQueryEXT query; RayQueryRecord query##_record = RayQueryRecord(RAY_QUERY_UNKNOWN, 0.0, 0.0)
+#define RAY_QUERY_PARAMETER(query) rayQueryEXT query, inout RayQueryRecord query##_record
+#define RAY_QUERY_ARGUMENT(query) query, query##_record
 #define rayQueryInitialize(query, structure, desc) ray_query_initialize(query, query##_record, structure, desc)
 #define rayQueryProceed(query) ray_query_proceed(query, query##_record)
 #define rayQueryGenerateIntersection(query, hit_t) ray_query_generate_checked(query, query##_record, hit_t)
