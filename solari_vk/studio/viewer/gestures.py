@@ -20,6 +20,7 @@ from solari_vk.studio.viewer.transforming import AXES, Cursor, Sight, Transformi
 from solari_vk.studio.viewer.window import Event
 
 KEYS = {glfw.KEY_G: "move", glfw.KEY_R: "turn", glfw.KEY_S: "scale"}
+DOING = {"move": "moving", "turn": "turning", "scale": "scaling"}
 ENTER = (glfw.KEY_ENTER, glfw.KEY_KP_ENTER)
 SHIFTS = (glfw.KEY_LEFT_SHIFT, glfw.KEY_RIGHT_SHIFT)
 CONTROLS = (glfw.KEY_LEFT_CONTROL, glfw.KEY_RIGHT_CONTROL)
@@ -133,11 +134,7 @@ class TransformGesture:
         changed = [(item, fields) for item, fields in self._before if not _has(item, fields)]
         if changed or self._made:
             what = changed[0][0].describe() if len(changed) == 1 else f"{len(self._starts)} objects"
-            done = (
-                "duplicating"
-                if self._made
-                else {"move": "moving", "turn": "turning", "scale": "scaling"}[self.transforming.kind]
-            )
+            done = "duplicating" if self._made else DOING[self.transforming.kind]
             self._session.history.keep(f"{done} {what}", changed, self._made)
 
     def cancel(self) -> None:
