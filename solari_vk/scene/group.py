@@ -84,7 +84,15 @@ class Group(Scaled, Hints):
     @property
     def items(self) -> list[Any]:
         """The objects, each once, those of groups in the group in their place."""
-        return [item for item in self._members() if not isinstance(item, Group)]
+        return list(dict.fromkeys(self._objects()))
+
+    def _objects(self) -> Iterator[Any]:
+        """The objects, as often as groups in the group have them."""
+        for item in self._items:
+            if isinstance(item, Group):
+                yield from item._objects()
+            else:
+                yield item
 
     def _members(self) -> dict[Any, None]:
         """The objects and groups in the group, and in those groups, each once."""
@@ -173,7 +181,8 @@ class Grouping:
         def holds(item: Any) -> bool:
             return item in scene._holder(item)
 
-        present = [group for group in self._groups if not group.items or any(map(holds, group.items))]
+        # The first object is there for most groups, so that few are looked at.
+        present = [group for group in self._groups if any(map(holds, group._objects())) or not group.items]
         return Collection("group", present)
 
     def group(self, *items: Instance | Light | Camera | Group | str, name: str = "", **where: Any) -> Group:
@@ -193,10 +202,15 @@ class Grouping:
     def _named(self, name: str) -> Any:
         """The first instance of this name, else the first light, camera or group."""
         scene: Any = self
-        holders = (scene.instances, scene.lights, scene.cameras, self.groups)
+        holders = [scene.instances, scene.lights, scene.cameras]
         for holder in holders:
             if name in holder:
                 return holder[name]
+        # Groups come last: what they hold is asked for anew each time.
+        groups = self.groups
+        if name in groups:
+            return groups[name]
+        holders.append(groups)
         raise unknown_name("there is no object", name, [known for holder in holders for known in holder.names])
 
 

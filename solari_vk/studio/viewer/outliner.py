@@ -19,7 +19,7 @@ from solari_vk.studio.viewer.widgets import hint, toggle
 
 MAX_ROWS = 500  # that a list shows; the others are found by a part of their name, or picked in the picture
 ROWS_HIGH = 9  # rows of the list that are seen at once
-LOOK = 0.5  # seconds between two looks at the groups, which ask for all that is in them
+LOOK = 2.0  # seconds between two looks at the groups, which ask for all that is in them, while nothing comes or goes
 OPEN = imgui.TreeNodeFlags_.default_open
 GROUP = imgui.TreeNodeFlags_.open_on_arrow | imgui.TreeNodeFlags_.open_on_double_click
 
@@ -32,6 +32,7 @@ class Outliner:
         self._filter = ""
         self._roots: list[Group] = []
         self._grouped: set[Any] = set()  # what is in them
+        self._counts: tuple[int, ...] = ()
         self._looked_at = 0.0
 
     def lay_out(self) -> None:
@@ -81,9 +82,12 @@ class Outliner:
     def _tree(self) -> tuple[list[Group], set[Any]]:
         """The groups that are in no other, and the objects in them."""
         now = time.perf_counter()
-        if now - self._looked_at > LOOK:
+        scene = self._session.scene
+        counts = self._session.load_count, len(scene.instances), len(scene.lights), len(scene.cameras)
+        if counts != self._counts or now - self._looked_at > LOOK:
             self._looked_at = now
-            self._roots = roots_of(self._session.scene)
+            self._counts = counts
+            self._roots = roots_of(scene)
             self._grouped = {item for group in self._roots for item in group.items}
         return self._roots, self._grouped
 

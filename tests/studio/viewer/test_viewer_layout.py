@@ -193,7 +193,7 @@ def test_the_status_line_makes_room_for_the_pixel_under_the_cursor():
         state.end_frame(0.1, count, False)
         clock.now += 1
     pictures = SimpleNamespace(mode="realtime", view="picture", rendered_size=(64, 48))
-    session = SimpleNamespace(pictures=pictures, refinement=state)
+    session = SimpleNamespace(pictures=pictures, refinement=state, gesture=None)
     whole = state_in_words(session)
     brief = "realtime - 9 frames, 14 %"
     probe = "(3, 4)  R 1"
