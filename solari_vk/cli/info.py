@@ -68,6 +68,7 @@ PARTS = (
     Part("meshes of meshopt", "formats", "meshopt"),
     Part("meshes of Draco", "formats", "DracoPy"),
     Part("OBJ, PLY and STL files", "formats", "trimesh"),
+    Part("USD files", "usd", "pxr"),
     Part(".mp4 files", "video", "imageio_ffmpeg", lambda: bool(shutil.which("ffmpeg"))),
     Part("panels in the viewer", "viewer", "imgui_bundle"),
     Part("interactive pictures in notebooks", "notebook", "anywidget"),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Mapping
 from typing import Any
 
 from solari_vk.base.errors import checked_keywords, warn
@@ -23,14 +24,16 @@ def load(
     up: str | None = None,
     unit: float | None = None,
     folder: str | os.PathLike[str] | None = None,
+    variants: Mapping[str, str | Mapping[str, str]] | None = None,
     strict: bool = False,
     memory: int | None = None,
     seconds: float | None = None,
 ) -> Scene:
-    """Load a .gltf, .glb, .obj, .ply or .stl file, or a robot's .urdf or MuJoCo .xml file, as it is. `open` adds light
-    to a file without, and an exposure. "builtin:NAME" is a built-in scene.
+    """Load a .gltf, .glb, .usd, .usda, .usdc, .usdz, .obj, .ply or .stl file, or a robot's .urdf or MuJoCo .xml file,
+    as it is. `open` adds light to a file without, and an exposure. "builtin:NAME" is a built-in scene.
 
-    scene and variant are those of `load_gltf`, for glTF files only. Mesh files don't say which axis points up ("x",
+    scene and variant are those of `load_gltf`, for glTF files only, and variants chooses in a USD file's sets of them:
+    {"color": "red"}, or {"/World/Car": {"color": "red"}} for one prim. Mesh files don't say which axis points up ("x",
     "y" or "z": by default "y", and "z" for .stl) nor their unit, in meters (1). Their coordinates become those of the
     scene, y up. folder: of the files that a robot's file may name, by default the ROS package that holds it, or its own
     folder. Images that can't be read, and parts of glTF files with wrong data, are left out and reported; with
@@ -43,7 +46,8 @@ def load(
     # formats.py finds formats in their folder, but PyInstaller and the like pack only modules that an import names.
     import solari_vk.scene.files.gltf
     import solari_vk.scene.files.mesh_files
-    import solari_vk.scene.files.mujoco  # noqa: F401
+    import solari_vk.scene.files.mujoco
+    import solari_vk.scene.files.usd  # noqa: F401
 
     if str(path).startswith(BUILTIN):
         return builtin(str(path).removeprefix(BUILTIN))
@@ -54,6 +58,7 @@ def load(
         up=up,
         unit=unit,
         folder=folder,
+        variants=variants,
         strict=strict,
         memory=memory,
         seconds=seconds,

@@ -154,7 +154,7 @@ def cylinder(radius: float = 0.5, height: float = 1.0, segments: int = 32) -> Me
     """A closed cylinder around the origin, along y; lengths in meters. segments: at least 3, around."""
     r, y = _sizes("cylinder", radius=radius, height=height) * (1, 0.5)
     profile = [(0, y), (r, y), (r, y), (r, -y), (r, -y), (0, -y)]
-    return _revolved(profile, [(0, 1), (0, 1), (1, 0), (1, 0), (0, -1), (0, -1)], segments, "cylinder")
+    return revolved(profile, [(0, 1), (0, 1), (1, 0), (1, 0), (0, -1), (0, -1)], segments, "cylinder")
 
 
 @checked_keywords(who="shapes")
@@ -163,7 +163,7 @@ def cone(radius: float = 0.5, height: float = 1.0, segments: int = 32) -> Mesh:
     segments: at least 3, around."""
     r, y = _sizes("cone", radius=radius, height=height) * (1, 0.5)
     side = height / math.hypot(height, radius), radius / math.hypot(height, radius)
-    return _revolved([(0, y), (r, -y), (r, -y), (0, -y)], [side, side, (0, -1), (0, -1)], segments, "cone")
+    return revolved([(0, y), (r, -y), (r, -y), (0, -y)], [side, side, (0, -1), (0, -1)], segments, "cone")
 
 
 @checked_keywords(who="shapes")
@@ -177,7 +177,7 @@ def capsule(radius: float = 0.25, height: float = 0.5, segments: int = 32) -> Me
     quarter = _arc(max(segments // 4, 1) * 4)[: max(segments // 4, 1) + 1]
     normals = np.concatenate([quarter, quarter[::-1] * (1, -1)])
     middle = np.repeat([y, -y], len(quarter))
-    return _revolved(r * normals + np.stack([0 * middle, middle], axis=1), normals, segments, "capsule")
+    return revolved(r * normals + np.stack([0 * middle, middle], axis=1), normals, segments, "capsule")
 
 
 @checked_keywords(who="shapes")
@@ -191,7 +191,7 @@ def torus(radius: float = 0.5, tube_radius: float = 0.2, segments: int = 48) -> 
     if not tube < r:
         raise SolariError(f"a torus needs a tube_radius below its radius, not {tube_radius:g} and {radius:g}")
     circle = _arc(segments // 2)
-    return _revolved(tube * circle + (r, 0), circle, segments, "torus")
+    return revolved(tube * circle + (r, 0), circle, segments, "torus")
 
 
 def _sizes(shape: str, **sizes: float) -> NDArray[np.float64]:
@@ -215,7 +215,7 @@ def _arc(steps: int) -> NDArray[np.float64]:
     return np.where(np.abs(points) < 1e-12, 0, points)
 
 
-def _revolved(profile: ArrayLike, normals: ArrayLike, segments: int, name: str) -> Mesh:
+def revolved(profile: ArrayLike, normals: ArrayLike, segments: int, name: str) -> Mesh:
     """What a profile makes that turns about the y axis: points (R, 2) of radius and height from the top down, on the
     outside, and their normals (R, 2). Equal points after each other are a sharp edge."""
     _check_segments(name, segments)

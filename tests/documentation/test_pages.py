@@ -320,6 +320,7 @@ def test_lists_of_choices_are_whole():
     meshes = {suffix for suffix in suffixes if "up" in formats._READERS[suffix].options}
     # Files of objects, of meshes alone, and all.
     kinds.append([meshes | {".gltf", ".glb"}, meshes, suffixes])
+    kinds.append([{suffix for suffix in suffixes if "variants" in formats._READERS[suffix].options}])  # of USD
     sources = [*(ROOT / "solari_vk").rglob("*.py"), *(ROOT / "solari_vk/base").glob("*.toml")]
     read = [path for path in [*PAGES, *sources] if path.name != "CHANGELOG.md" and path.parent.name != "measured"]
     lists = {path: list(lists_in(text_of(path))) for path in read}

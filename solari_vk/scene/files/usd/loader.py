@@ -1,0 +1,401 @@
+"""From a stage to a `Scene`: each prim that can be seen, with its place, its material and its label."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from pxr import Tf, Usd, UsdGeom, UsdLux, UsdShade, UsdSkel, UsdUtils
+
+from solari_vk.base.budget import charge
+from solari_vk.base.errors import SolariError
+from solari_vk.scene import checks
+from solari_vk.scene.files.gltf.report import Report
+from solari_vk.scene.files.usd.cameras import LENS, lens, make_camera
+from solari_vk.scene.files.usd.instancers import repetitions
+from solari_vk.scene.files.usd.labels import Labels
+from solari_vk.scene.files.usd.lights import Lights
+from solari_vk.scene.files.usd.materials import Materials
+from solari_vk.scene.files.usd.motion import Matrix, Motion, matrix, sampled
+from solari_vk.scene.files.usd.skins import Skins
+from solari_vk.scene.files.usd.stage import composition_faults, open_stage, reason
+from solari_vk.scene.files.usd.surfaces import Simple, Surface, shape_mesh, simple_shape
+from solari_vk.scene.files.usd.textures import Files, Textures
+from solari_vk.scene.group import distinct
+from solari_vk.scene.lights.environment import EnvironmentLight
+from solari_vk.scene.matrices import rotation
+from solari_vk.scene.model import Instance, Light, Mesh, Scene
+
+_BYTES_PER_PRIM, _BYTES_PER_INSTANCE = 512, 4096
+_WRONG = "prims with wrong data are left out"
+_SHOWN = {"default", "render"}
+# Also below prims that are only given a place by `over`, where prototypes stand.
+_PRIMS = Usd.TraverseInstanceProxies(Usd.PrimIsActive & Usd.PrimIsLoaded & Usd.PrimHasDefiningSpecifier)
+_NO_TURN: Matrix = np.eye(4)
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where a prim is: its matrix to the world, its row of the rig (None: nothing moves it), whether it is visible, its
+    purpose, and the label and the object that it is a part of."""
+
+    prim: Any
+    world: Matrix
+    row: int | None = None
+    visible: bool = True
+    purpose: str = "default"
+    label: str = ""
+    part_of: str = ""
+
+
+def load_stage(path: str | os.PathLike[str], variants: Any, strict: bool) -> Scene:
+    """The scene of a file; `load_usd` has the arguments."""
+    # What USD says to the terminal is collected, and said by `Scene.warnings`.
+    silence = UsdUtils.CoalescingDiagnosticDelegate()
+    try:
+        return _Loader(Path(path), variants, strict).load()
+    except (MemoryError, RecursionError):
+        raise SolariError(f"{path}: is too large for this machine's memory") from None
+    except Tf.ErrorException as error:
+        raise SolariError(f"{path}: can't be read as USD ({reason(error)}): export it again") from None
+    except SolariError as error:
+        raise error if str(error).startswith(f"{path}: ") else SolariError(f"{path}: {error}") from None
+    finally:
+        silence.TakeUncoalescedDiagnostics()
+
+
+class _Loader:
+    def __init__(self, path: Path, variants: Any, strict: bool) -> None:
+        self._file = str(path)
+        self._report = Report(self._file, strict)
+        self._stage, folder = open_stage(path, variants)
+        for text, is_fatal in composition_faults(self._stage, folder):
+            if is_fatal:
+                raise folder.error(text)
+            self._report.lost("parts that can't be composed are left out", folder.error(text))
+        self._motion = Motion(self._stage, self._report, self._file)
+        self._time = self._motion.time
+        self._unit = float(UsdGeom.GetStageMetersPerUnit(self._stage))
+        if not 1e-12 <= self._unit <= 1e12:
+            raise folder.error(f"has {self._unit:g} meters per unit: give it a number from 1e-12 to 1e12")
+        files = Files(folder)
+        self._textures = Textures(files, self._report, strict)
+        self._materials = Materials(self._textures, self._report, self._time)
+        self._lights = Lights(files, self._report, self._time, self._unit)
+        self._skins = Skins(self._motion, self._report, self._file)
+        self._labels = Labels(self._stage, self._time, self._report)
+        self._surfaces: dict[Any, Surface | SolariError] = {}
+        self._meshes: dict[Any, tuple[Mesh, Any]] = {}
+        self._shapes: dict[Simple, Mesh] = {}
+        self._objects: dict[str, int] = {}
+        self._placed: dict[Any, Place] = {}  # of skeletons
+        self._instancers: list[Any] = []  # from the outermost to the one that is expanded
+        self._scene = Scene(name=path.stem)
+        self._top = np.diag([self._unit] * 3 + [1.0])
+        if UsdGeom.GetStageUpAxis(self._stage) == UsdGeom.Tokens.z:
+            self._top[:3, :3] = self._top[:3, :3] @ rotation((1, 0, 0), -np.pi / 2)
+
+    def load(self) -> Scene:
+        root = Place(self._stage.GetPseudoRoot(), self._top)
+        hidden = self._add_below(root, _SHOWN)
+        if not self._scene.instances and "proxy" in hidden:
+            self._report.add("there are only proxies, which are shown", hidden["proxy"])
+            self._add_below(root, {"proxy"})
+        for purpose, path in hidden.items() if not self._scene.instances else ():
+            self._report.add(f"there is nothing to see but prims of the purpose {purpose}, which are left out", path)
+        if self._report.first_error and not self._scene.instances:
+            raise self._report.first_error
+        self._motion.finish(self._scene)
+        self._scene.warnings.extend(self._report.lines())
+        return self._scene
+
+    # ---- where prims are ----------------------------------------------------------------------------
+
+    def _add_below(self, root: Place, purposes: set[str]) -> dict[str, str]:
+        """Add what is at and below a prim. Returns the purposes that are left out, each with a path."""
+        hidden: dict[str, str] = {}
+        found = list(self._walk(root, hidden, purposes))
+        # Meshes may stand before their skeletons.
+        self._placed |= {place.prim.GetPath(): place for place in found if place.prim.IsA(UsdSkel.Skeleton)}
+        for place in found:
+            self._add(place)
+        return hidden
+
+    def _walk(self, root: Place, hidden: dict[str, str], purposes: set[str]) -> Iterator[Place]:
+        """Prims with a place at and below a root, parents first."""
+        waiting = [root]
+        while waiting:
+            place = waiting.pop()
+            prim = place.prim
+            charge(_BYTES_PER_PRIM, self._file, "its prims")  # looks at the time, too
+            if prim.IsA(UsdShade.Material) or prim.IsA(UsdShade.Shader) or prim.IsA(UsdGeom.Subset):
+                continue
+            if place.purpose not in _SHOWN | {"proxy"}:
+                hidden.setdefault(place.purpose, str(prim.GetPath()))
+                continue
+            if place.purpose in purposes or place.purpose == "default":
+                yield place
+            else:
+                hidden.setdefault(place.purpose, str(prim.GetPath()))
+            if prim.IsA(UsdGeom.PointInstancer):
+                continue  # its prototypes are only shown by it
+            with self._report.costs(_WRONG):
+                below = [
+                    self._below(place, child) for child in prim.GetFilteredChildren(_PRIMS) if not child.IsAbstract()
+                ]
+                waiting += [child for child in reversed(below) if child is not None]
+
+    def _below(self, parent: Place, prim: Any) -> Place | None:
+        """The place of a prim below another one; None (reported) for one with a wrong transform."""
+        place: Place = self._labels.place(replace(parent, prim=prim), self._objects)
+        imageable = UsdGeom.Imageable(prim)
+        if not imageable:
+            return place
+        purpose = imageable.GetPurposeAttr()
+        if purpose.HasAuthoredValue():
+            place = replace(place, purpose=str(purpose.Get()))
+        local, moves, resets = _NO_TURN, False, False
+        xform = UsdGeom.Xformable(prim)
+        if xform:
+            local = matrix(xform.GetLocalTransformation(self._time))
+            moves, resets = xform.TransformMightBeTimeVarying(), xform.GetResetXformStack()
+        if not np.isfinite(local).all() or np.abs(local).max() > checks.LARGEST_TRANSFORM:
+            error = SolariError(f"{self._file}: <{prim.GetPath()}> has a transform that isn't finite or too large")
+            self._report.lost(_WRONG, error)
+            return None
+        seen = imageable.GetVisibilityAttr()
+        blinks = seen.ValueMightBeTimeVarying()
+        shown = seen.Get(self._time) != UsdGeom.Tokens.invisible
+        base = self._top if resets else parent.world
+        row = None if resets else parent.row
+        if moves or blinks or row is not None:
+            row = self._motion.row(row, local, base, parent.visible, shown)
+        with np.errstate(over="ignore", invalid="ignore"):
+            place = replace(place, world=base @ local, row=row, visible=parent.visible and shown)
+        if moves and row is not None:
+            self._motion.transforms(prim, row)
+        if blinks and row is not None:
+            codes = self._motion.codes(seen.GetTimeSamples())
+            self._motion.show(row, codes, [seen.Get(code) != UsdGeom.Tokens.invisible for code in codes])
+        return place
+
+    def _place_of(self, prim: Any) -> tuple[Matrix, int | None]:
+        """The matrix of a prim to the world, and the row of it or of what is above it that moves."""
+        found = self._placed.get(prim.GetPath())
+        if found is not None:
+            return found.world, found.row
+        world = UsdGeom.XformCache(self._time).GetLocalToWorldTransform(prim)
+        return self._top @ matrix(world), None
+
+    # ---- what is there ------------------------------------------------------------------------------
+
+    def _add(self, place: Place) -> None:
+        """Add what a prim is."""
+        prim = place.prim
+        with self._report.costs(_WRONG):
+            if prim.IsA(UsdSkel.Root):
+                self._skins.prepare(prim)
+            if prim.IsA(UsdGeom.Mesh) or prim.IsA(UsdGeom.TetMesh):
+                self._add_surface(place)
+            elif prim.IsA(UsdGeom.PointInstancer):
+                self._add_repeated(place)
+            elif prim.IsA(UsdGeom.Camera):
+                camera = make_camera(prim, place.world, self._time, self._unit, self._report)
+                self._follow(place, camera)
+                names = {name: prim.GetAttribute(name) for name in LENS}
+                codes = self._motion.codes(sampled(names))
+                if codes:
+                    rows = [lens(prim, Usd.TimeCode(code), self._unit) for code in codes]
+                    self._motion.change(camera, codes, rows)
+            elif prim.HasAPI(UsdLux.LightAPI) and not prim.IsA(UsdGeom.Gprim):
+                self._add_light(place)
+            elif prim.IsA(UsdGeom.Gprim):
+                self._add_shape(place)
+
+    def _follow(self, place: Place, item: Any) -> None:
+        """Add an object that stands at a place, and have it move with that."""
+        row = place.row
+        if row is None and not place.visible and not isinstance(item, Instance):
+            return
+        if row is not None:
+            self._motion.later.append(lambda rig: rig.attach(item, row, shown=place.visible))
+        if place.visible or isinstance(item, Instance):
+            self._scene.add(item)
+
+    def _add_light(self, place: Place) -> None:
+        light = self._lights.make(place.prim, place.world)
+        if light is None:
+            return
+        if isinstance(light, EnvironmentLight):
+            if self._scene.environment is not None:
+                self._report.add("domes beside the first one are left out", f"<{place.prim.GetPath()}>")
+            elif place.visible:
+                self._scene.environment = light
+            return
+        if isinstance(light, Instance):
+            light.update(visible=place.visible, label=place.label, part_of=place.part_of)
+        self._follow(place, light)
+        inputs = [name for name in place.prim.GetPropertyNames() if name.startswith("inputs:")]
+        codes = self._motion.codes(sampled({name: place.prim.GetAttribute(name) for name in inputs}))
+        if codes and isinstance(light, Light):
+            rows = [self._lights.fields(place.prim, light, place.world, Usd.TimeCode(code)) for code in codes]
+            self._motion.change(light, codes, rows)
+        elif codes:
+            self._report.add("inputs of lamps with an area are not animated", f"<{place.prim.GetPath()}>")
+
+    def _add_shape(self, place: Place) -> None:
+        """Add a Cube, Sphere or another simple shape."""
+        prim = place.prim
+        shape = simple_shape(prim, self._time)
+        if shape is None:
+            self._report.add(f"prims of the type {prim.GetTypeName()} are left out", f"<{prim.GetPath()}>")
+            return
+        if shape not in self._shapes:
+            self._shapes[shape] = shape_mesh(shape)
+        mesh = self._shapes[shape]
+        found = UsdGeom.PrimvarsAPI(prim).FindPrimvarWithInheritance("displayColor")
+        values = found.Get(self._time) if found else None
+        opacity = UsdGeom.PrimvarsAPI(prim).FindPrimvarWithInheritance("displayOpacity")
+        alpha = opacity.Get(self._time) if opacity else None
+        color = np.array((*(values[0] if values else (0.5, 0.5, 0.5)), alpha[0] if alpha else 1.0), np.float32).clip(
+            0, 1
+        )
+        look = self._materials.look(prim, bool(UsdGeom.Gprim(prim).GetDoubleSidedAttr().Get()), color)
+        self._add_instance(place, mesh, look.material, prim.GetName(), place.part_of)
+
+    def _key(self, prim: Any) -> Any:
+        """The path of a prim, of that in the prototype where instances share one."""
+        return (prim.GetPrimInPrototype() if prim.IsInstanceProxy() else prim).GetPath()
+
+    def _add_surface(self, place: Place) -> None:
+        """Add a mesh, an instance for each of its materials."""
+        prim = place.prim
+        key = self._key(prim)
+        if key not in self._surfaces:
+            try:
+                self._surfaces[key] = Surface(prim, self._time, self._report, self._file)
+            except SolariError as error:
+                self._surfaces[key] = error
+        surface = self._surfaces[key]
+        if isinstance(surface, SolariError):
+            raise surface
+        mesh = UsdGeom.PointBased(prim)
+        if mesh.GetPointsAttr().ValueMightBeTimeVarying():
+            self._report.add("moving points of meshes are shown as they are at the start", f"<{prim.GetPath()}>")
+        sided = bool(mesh.GetDoubleSidedAttr().Get())
+        part_of = place.part_of
+        if len(surface.parts) > 1 and not part_of:
+            part_of = distinct(prim.GetName(), self._objects)
+        for name, owner, chosen in surface.parts:
+            look = self._materials.look(owner, sided, surface.color())
+            names = list(self._textures.uv_names) or [self._usual_uvs(prim)]
+            full = f"{prim.GetName()} {name}".strip()
+            made = key, name, look.color, tuple(names)
+            if made not in self._meshes:
+                shape, points = surface.mesh(chosen, names, look.color, full)
+                deformation = self._skins.deformation(prim, points, len(surface.points))
+                if deformation is not None:
+                    shape.update(deformation=deformation)
+                self._meshes[made] = shape, points
+            shape = self._meshes[made][0]
+            material = look.material
+            if prim.HasAPI(UsdLux.LightAPI):
+                material = self._lights.mesh_light(prim, material, shape, place.world)
+            self._add_instance(place, shape, material, full, part_of)
+
+    def _usual_uvs(self, prim: Any) -> str:
+        """The set of uvs that a mesh has where its material asks for none: for materials that users give it."""
+        found = [
+            var for var in UsdGeom.PrimvarsAPI(prim).GetPrimvars() if var.GetTypeName().role == "TextureCoordinate"
+        ]
+        names = [str(var.GetPrimvarName()) for var in found]
+        return "st" if "st" in names or not names else names[0]
+
+    def _add_instance(self, place: Place, mesh: Mesh, material: Any, name: str, part_of: str) -> None:
+        """Add an instance of a mesh at a place."""
+        charge(_BYTES_PER_INSTANCE, self._file, "its instances")
+        try:
+            world = checks.placing_transform(place.world)
+            visible = place.visible
+        except ValueError:
+            if place.row is None:
+                raise SolariError(
+                    f"{self._file}: <{place.prim.GetPath()}> has a transform that isn't finite, or a scale of 0 along "
+                    "more than one axis"
+                ) from None
+            world, visible = np.eye(4), False  # until an animation gives it a size
+        instance = Instance(mesh, material, world, visible=visible, name=name, label=place.label, part_of=part_of)
+        if mesh.deformation is None:
+            self._follow(place, instance)
+            return
+        self._skins.pose(place.prim, instance, self._place_of)
+        row = place.row
+        if instance.joint_matrices is None:
+            self._follow(place, instance)
+            return
+        if row is not None:
+            self._motion.later.append(lambda rig: rig.attach(instance, row, moves=False))
+        self._scene.add(instance)
+
+    # ---- point instancers ---------------------------------------------------------------------------
+
+    def _add_repeated(self, place: Place) -> None:
+        """Add the prototypes of a point instancer at its points."""
+        prim = place.prim
+        if prim.GetPath() in self._instancers:
+            raise SolariError(f"{self._file}: <{prim.GetPath()}> repeats itself: take it out of its own prototypes")
+        instancer = UsdGeom.PointInstancer(prim)
+        targets = instancer.GetPrototypesRel().GetForwardedTargets()
+        numbers = np.array(instancer.GetProtoIndicesAttr().Get(self._time) or [], np.int64)
+        if len(numbers) and not (0 <= numbers.min() <= numbers.max() < len(targets)):
+            raise SolariError(f"{self._file}: <{prim.GetPath()}> has indices of prototypes that don't exist")
+        charge(_BYTES_PER_PRIM * len(numbers), f"{self._file}: <{prim.GetPath()}>", f"{len(numbers):,} points")
+        moves, codes, matrices = repetitions(instancer, len(numbers), self._motion, self._report, self._file)
+        mask = instancer.ComputeMaskAtTime(self._time)
+        chosen = np.flatnonzero(np.ones(len(numbers), bool) if not mask else np.array(mask, bool))
+        self._instancers.append(prim.GetPath())
+        try:
+            still: dict[int, list[Place]] = {}
+            for point in chosen.tolist():
+                number = int(numbers[point])
+                at = replace(place, world=place.world @ matrices[0][point])
+                if not moves and place.row is None:
+                    self._add_still(still, number, targets[number], at)
+                    continue
+                row = self._motion.row(place.row, matrices[0][point], place.world, place.visible)
+                if moves:
+                    self._motion.move(row, codes, matrices[:, point], f"<{prim.GetPath()}>")
+                self._add_prototype(targets[number], replace(at, row=row))
+        finally:
+            self._instancers.pop()
+
+    def _prototype(self, path: Any, at: Place) -> Place | None:
+        """The place of a prototype's root at a point."""
+        prototype = self._stage.GetPrimAtPath(path)
+        if not prototype:
+            raise SolariError(f"{self._file}: <{at.prim.GetPath()}> repeats <{path}>, which isn't there")
+        return self._below(at, prototype)
+
+    def _add_prototype(self, path: Any, at: Place) -> None:
+        with self._report.costs(_WRONG):
+            root = self._prototype(path, at)
+            if root is not None:
+                self._add_below(root, _SHOWN)
+
+    def _add_still(self, still: dict[int, list[Place]], number: int, path: Any, at: Place) -> None:
+        """The same where the points don't move: what a prototype holds is found once, unless it moves by itself."""
+        if number not in still:
+            root = self._prototype(path, replace(at, world=_NO_TURN))
+            still[number] = [] if root is None else list(self._walk(root, {}, _SHOWN))
+        if any(found.row is not None for found in still[number]):
+            self._add_prototype(path, at)
+            return
+        names: dict[str, str] = {at.part_of: at.part_of}  # each point has objects of its own
+        for found in still[number]:
+            if found.part_of not in names:
+                names[found.part_of] = distinct(found.part_of, self._objects)
+            self._add(replace(found, world=at.world @ found.world, part_of=names[found.part_of]))
