@@ -89,9 +89,14 @@ class Windows:
         wanted = _hash_of_sources()
         if stamp.exists() and stamp.read_text() == wanted:
             return
-        for name in ("packages", "wheel"):
+        for name in ("packages", "wheel", "sources"):
             shutil.rmtree(self._folder / name, ignore_errors=True)
-        run(sys.executable, "-m", "pip", "wheel", "--no-deps", "-w", self._folder / "wheel", ROOT)
+        # From a copy, since a build leaves compiled shaders beside their sources.
+        for path in _sources():
+            copy = self._folder / "sources" / path.relative_to(ROOT)
+            copy.parent.mkdir(parents=True, exist_ok=True)
+            shutil.copy(path, copy)
+        run(sys.executable, "-m", "pip", "wheel", "--no-deps", "-w", self._folder / "wheel", self._folder / "sources")
         (wheel,) = (self._folder / "wheel").iterdir()
         platform = ("--platform", "win_amd64", "--python-version", VERSION, "--only-binary=:all:")
         target = ("--target", self._folder / "packages")
@@ -121,13 +126,16 @@ class Windows:
         return {name: value for name, value in os.environ.items() if name != "SOLARI_VK_CACHE"} | self._environment
 
 
+def _sources() -> list[Path]:
+    """The files that a wheel is built from."""
+    paths = [path for name in SOURCES for path in (ROOT / name, *(ROOT / name).rglob("*")) if path.is_file()]
+    return sorted(path for path in paths if path.suffix not in (".pyc", ".spv") and path.name != "shipped.json")
+
+
 def _hash_of_sources() -> str:
     found = hashlib.sha256(repr((PYTHON, PACKAGES)).encode())
-    for name in SOURCES:
-        paths = sorted((ROOT / name).rglob("*")) if (ROOT / name).is_dir() else [ROOT / name]
-        for path in paths:
-            if path.is_file() and path.suffix not in (".pyc", ".spv") and path.name != "shipped.json":
-                found.update(f"{path.relative_to(ROOT)}\0".encode() + path.read_bytes())
+    for path in _sources():
+        found.update(f"{path.relative_to(ROOT)}\0".encode() + path.read_bytes())
     return found.hexdigest()
 
 
