@@ -104,10 +104,10 @@ class OverlayRenderer:
         scale = 2 / np.array((data.display_size.x, data.display_size.y))
         self._pipeline.bind(commands, vertices=vertices.address, scale=scale)
         first_vertex = first_index = 0
-        for part in data.cmd_lists:
+        for part in _items(data.cmd_lists):
             _copy(part.vtx_buffer, _VERTEX_BYTES, vertices, first_vertex)
             _copy(part.idx_buffer, _INDEX_BYTES, indices, first_index)
-            for command in part.cmd_buffer:
+            for command in _items(part.cmd_buffer):
                 self._draw(commands, command, data.framebuffer_scale, extent, first_index, first_vertex)
             first_vertex += part.vtx_buffer.size()
             first_index += part.idx_buffer.size()
@@ -141,7 +141,7 @@ class OverlayRenderer:
     def _update_textures(self, data: Any) -> None:
         """Make, change and destroy textures, such as the font's, as ImGui asks for it."""
         status = imgui.ImTextureStatus
-        for texture in data.textures or ():
+        for texture in _items(data.textures or ()):
             if texture.status in (status.want_create, status.want_updates):
                 self._upload(texture)
                 texture.set_status(status.ok)
@@ -208,6 +208,11 @@ class OverlayRenderer:
             self._destroy(number)
         if self._pipeline is not None:
             self._pipeline.close()
+
+
+def _items(vector: Any) -> list[Any]:
+    """The items of a list of ImGui. Its iterators give items of other types in imgui-bundle 1.93 on Windows."""
+    return [vector[index] for index in range(len(vector))]
 
 
 class _Pipeline:

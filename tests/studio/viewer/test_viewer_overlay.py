@@ -56,6 +56,19 @@ def test_events_of_one_frame_reach_what_is_there_by_then(open_viewer):
     assert clicks == [], "the help is there"
 
 
+def test_nothing_iterates_over_lists_of_imgui(open_viewer, monkeypatch):
+    """Their iterators give items of other types on Windows."""
+
+    def refuse(vector):
+        raise AssertionError(type(vector))
+
+    for kind in ("ImDrawList_ptr", "ImDrawCmd", "ImTextureData_ptr"):
+        monkeypatch.setattr(getattr(panels.imgui, f"ImVector_{kind}"), "__iter__", refuse)
+    viewer = open_viewer(size=SIZE)
+    viewer.run(frames=2)
+    assert viewer.overlay._renderer._textures, "panels were drawn"
+
+
 def test_panels_follow_the_cursor_without_the_device_of_the_pictures(open_viewer, device, monkeypatch):
     """Which may be in the middle of a pass: the last picture stays, and nothing is read from it."""
     if device.properties.kind != "cpu":
