@@ -181,6 +181,7 @@ def _by_warp(model: Any, positions: NDArray[np.float64], size: tuple[int, int]) 
     from solari_vk.scene.files.mujoco.model_scene import import_mujoco
 
     mujoco = import_mujoco("bench robots")
+    wp.config.quiet = True
     where = "cuda" if wp.is_cuda_available() else "cpu"
     worlds = positions.shape[1]
     with wp.ScopedDevice(where):
@@ -191,7 +192,8 @@ def _by_warp(model: Any, positions: NDArray[np.float64], size: tuple[int, int]) 
         for states in positions:
             of_frame = mjw.put_data(model, data, nworld=worlds)
             of_frame.qpos.assign(states.astype(np.float32))
-            mjw.fwd_position(warp_model, of_frame)
+            for step in (mjw.kinematics, mjw.com_pos, mjw.camlight):
+                step(warp_model, of_frame)
             frames.append(of_frame)
         for shadows in SHADOWS:
             options = {"cam_res": size, "render_rgb": True, "render_depth": True, "use_shadows": shadows}

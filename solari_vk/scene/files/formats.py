@@ -73,7 +73,8 @@ def _import_formats() -> None:
 def readable_suffixes() -> tuple[str, ...]:
     """The suffixes of all files that can be read, with their dots."""
     _import_formats()
-    return tuple(_READERS)
+    # Whichever format a program imported first, lists are the same.
+    return tuple(sorted(_READERS, key=lambda suffix: _READERS[suffix].read.__module__))
 
 
 def read_file(
@@ -95,7 +96,7 @@ def read_file(
     reader = _READERS.get(suffix)
     if reader is None:
         what = "compressed Gaussian splats" if suffix in _SPLATS else suffix or "a file without an ending"
-        raise SolariError(f"{path}: {what} is not read: give a file of {', '.join(_READERS)}")
+        raise SolariError(f"{path}: {what} is not read: give a file of {', '.join(readable_suffixes())}")
     # An option that is left out has the reader's own default.
     chosen = {name: value for name, value in options.items() if value is not None}
     for other in _READERS.values():

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
+from typing import Any
 
-from solari_vk.base.errors import SolariError
+from solari_vk.base.errors import SolariError, reworded
 from solari_vk.scene.files.formats import reads
 from solari_vk.scene.files.mujoco.mjcf import compiled
 from solari_vk.scene.files.mujoco.model_scene import import_mujoco, model_scene
@@ -25,10 +26,17 @@ def load_robot(
     """
     path = Path(path)
     mujoco = import_mujoco(str(path))
-    if path.suffix.lower() == ".urdf":
-        scene = urdf_scene(path, folder, mujoco, strict=strict)
-    else:
-        scene = model_scene(compiled(path, folder, mujoco), name=path.stem, who=str(path)).scene
+    try:
+        scene = _loaded(path, folder, strict, mujoco)
+    except SolariError as error:
+        # What is wrong with a single mesh or material says nothing of the file.
+        raise error if str(path.parent) in str(error) else reworded(error, f"{path}: {error}") from None
     if strict and scene.warnings:
         raise SolariError(f"{path}: {scene.warnings[0]}")
     return scene
+
+
+def _loaded(path: Path, folder: str | os.PathLike[str] | None, strict: bool, mujoco: Any) -> Scene:
+    if path.suffix.lower() == ".urdf":
+        return urdf_scene(path, folder, mujoco, strict=strict)
+    return model_scene(compiled(path, folder, mujoco), name=path.stem, who=str(path)).scene

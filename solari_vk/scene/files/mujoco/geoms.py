@@ -124,7 +124,7 @@ def model_mesh(model: Any, index: int) -> Mesh:
     if has_normals:
         normals = _unit(model.mesh_normal[model.mesh_normaladr[index] :][corners[:, 1]])
     if has_uvs:
-        uvs = model.mesh_texcoord[model.mesh_texcoordadr[index] :][corners[:, -1]]
+        uvs = np.nan_to_num(model.mesh_texcoord[model.mesh_texcoordadr[index] :][corners[:, -1]])
     return Mesh(
         vertices[corners[:, 0]], triangles.reshape(-1, 3), normals=normals, uvs=uvs, name=model.mesh(index).name
     )

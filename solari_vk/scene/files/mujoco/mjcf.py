@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import re
+import warnings
 from pathlib import Path
 from typing import Any
 from xml.etree.ElementTree import Element
@@ -16,6 +17,7 @@ _DIRECTORIES = ("meshdir", "texturedir", "assetdir")
 _BYTES_PER_BYTE = 12  # of a mesh or a picture, while it is read
 _MOST_FILES = 1000  # of XML
 _SMALLEST = 1e-9  # kg and kg m^2: pictures don't depend on them
+_LINE = re.compile(r", line \d+")
 _NUMBER = re.compile(r"\d+")
 
 
@@ -25,16 +27,19 @@ def compiled(path: Path, folder: str | os.PathLike[str] | None, mujoco: Any) -> 
     return compile_spec(str(path), mujoco, lambda: mujoco.MjSpec.from_file(str(path)))
 
 
-def compile_spec(who: str, mujoco: Any, make: Any) -> Any:
-    """The MjModel of an MjSpec that `make` makes. Bodies without a mass get a small one: they aren't simulated."""
+def compile_spec(who: str, mujoco: Any, make: Any, *, is_rewritten: bool = False) -> Any:
+    """The MjModel of an MjSpec that `make` makes. Bodies without a mass get a small one: they aren't simulated.
+    is_rewritten: from a text whose lines aren't those of the file."""
     try:
         spec = make()
         spec.compiler.boundmass = max(spec.compiler.boundmass, _SMALLEST)
         spec.compiler.boundinertia = max(spec.compiler.boundinertia, _SMALLEST)
         spec.compiler.balanceinertia = True
-        return spec.compile()
+        with warnings.catch_warnings(action="ignore"):  # about what simulations alone depend on
+            return spec.compile()
     except (ValueError, TypeError, mujoco.FatalError) as error:
-        reason = shortened(" ".join(str(error).split()), 200)
+        reason = " ".join(str(error).split())
+        reason = shortened(_LINE.sub("", reason) if is_rewritten else reason, 200)
         raise SolariError(f"{who}: MuJoCo can't read this: {reason}: mend the file") from None
 
 
@@ -47,6 +52,8 @@ def check_files(path: Path, folder: Folder) -> None:
         if file in roots:
             continue
         root = roots[file] = read_xml(file)
+        if file == path.resolve() and root.tag == "mujocoinclude":
+            raise SolariError(f"{path}: is a part of a model: load the file that includes it")
         if file == path.resolve() and root.tag != "mujoco":
             raise SolariError(
                 f"{path}: is no model of MuJoCo, whose XML begins with <mujoco>, but <{shortened(root.tag, 40)}>"

@@ -77,7 +77,7 @@ class Folder:
 
 def read_xml(path: Path) -> ElementTree.Element:
     """The root of an XML file. Raises SolariError for one that is damaged."""
-    data = read_regular(path, str(path)).rstrip(b"\0")
+    data = read_regular(path, str(path)).strip(b"\0 \t\r\n")
     charge(0, str(path), "its XML", working=_BYTES_PER_BYTE * len(data))
     try:
         return ElementTree.fromstring(data)

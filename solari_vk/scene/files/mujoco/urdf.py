@@ -38,7 +38,7 @@ def urdf_scene(path: Path, folder: Any, mujoco: Any, *, strict: bool) -> Scene:
     materials = {str(one.get("name")): one for one in robot.iter("material") if len(one)}
     visuals = {str(link.get("name")): link.findall("visual") for link in robot.findall("link")}
     text = _for_mujoco(robot, str(path))
-    model = compile_spec(str(path), mujoco, lambda: mujoco.MjSpec.from_string(text))
+    model = compile_spec(str(path), mujoco, lambda: mujoco.MjSpec.from_string(text), is_rewritten=True)
     meshes: dict[Any, Scene] = {}
 
     def finish(made: ModelScene) -> None:
@@ -195,6 +195,9 @@ def _collada(path: Path) -> Scene:
     scene = Scene(name=path.stem)
     for placed in read["graph"]:
         part = trimesh.Trimesh(**read["geometry"][placed["geometry"]], process=False)
+        uvs = getattr(part.visual, "uv", None)
+        if uvs is not None:
+            part.visual.uv = np.nan_to_num(uvs, posinf=0, neginf=0)  # some programs write NaN where there is none
         # The file's unit in meters, such as "0.01 * meters".
         unit = float(str(part.metadata.get("units", "1 *")).partition("*")[0].replace("meters", "1"))
         where = np.diag([unit, unit, unit, 1.0]) @ placed["matrix"]
