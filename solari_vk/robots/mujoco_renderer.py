@@ -31,7 +31,8 @@ class Renderer(Hints):
     model: an MjModel. height, width: in pixels, of any size. max_geom: the most geoms that are shown. font_scale: is
     taken as MuJoCo takes it, and pictures have no text. device: one that is open, else the renderer opens its own.
     renderer: "realtime" shows the denoised picture after `frames` frames of each call, whose light gathers from call to
-    call; "reference" traces `samples` paths a pixel. seed: of its random numbers. ev100: the exposure of pictures.
+    call; "reference" traces `samples` paths a pixel. seed: of its random numbers. ev100, tonemap: the exposure and the
+    tone curve of pictures, by default none, so that a color which is lit by 1 is shown as the file has it.
 
     `lit` is the Scene: change its lights, or `lit.environment`, and the next picture shows it. Depth and segmentation
     are those of MuJoCo's renderer: meters along the view axis, up to its far plane; numbers and types of objects, -1
@@ -52,6 +53,7 @@ class Renderer(Hints):
         samples: int = 64,
         seed: int = 0,
         ev100: float = 0.0,
+        tonemap: str = "none",
     ) -> None:
         if renderer not in RENDERERS:
             raise SolariError(f"mujoco.Renderer: renderer is one of {', '.join(RENDERERS)}, not {quoted(renderer)}")
@@ -62,6 +64,7 @@ class Renderer(Hints):
         self._kind = renderer
         self._seed = seed
         self._ev100 = ev100
+        self._tonemap = tonemap
         self._shown = ModelScene(model, most_geoms=whole_number(max_geom, f"{where}: max_geom", 1))
         self._solid = _Solid(self._shown)
         self._mode = "color"
@@ -167,7 +170,7 @@ class Renderer(Hints):
                 self._realtime = self._owned.enter_context(lit)
             for _ in range(self._frames):
                 frame = self._realtime.render(camera)
-        return frame.image()
+        return frame.image(tonemap=self._tonemap)
 
     def _first_hits(self, camera: Camera) -> NDArray[Any]:
         """Depth or segmentation, at pixels' centers."""
