@@ -423,3 +423,18 @@ def test_points_are_objects_of_their_own_also_where_prototypes_move(tmp_path):
     assert len({instance.part_of for instance in scene}) == 4
     scene.animate(0.5)
     assert np.allclose([instance.transform[:3, 3] for instance in scene], [(0, 0, 0), (1, 3, 0), (2, 0, 0), (3, 3, 0)])
+
+
+def test_prims_with_several_objects_are_groups(tmp_path):
+    stage = new(tmp_path / "g.usda", unit=0.1)
+    for path in ("/car/wheels/left", "/car/wheels/right", "/car/body", "/alone/deep"):
+        UsdGeom.Cube.Define(stage, path)
+    for path in ("/car", "/car/wheels", "/alone"):
+        UsdGeom.Xform.Define(stage, path)
+    UsdGeom.Xform.Get(stage, "/car").AddTranslateOp().Set((10, 0, 0))
+    scene = loaded(stage)
+    assert [(group.name, len(group.items)) for group in scene.groups] == [("car", 3), ("wheels", 2)]
+    assert np.allclose(scene.groups["car"].position, (1, 0, 0))
+    scene.groups["wheels"].position += (0, 0, 5)
+    assert np.allclose(scene["left"].position, (1, 0, 5))
+    assert np.allclose(scene["body"].position, (1, 0, 0))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +21,7 @@ from solari_vk.scene.files.usd.labels import Labels
 from solari_vk.scene.files.usd.lights import Lights
 from solari_vk.scene.files.usd.materials import Materials
 from solari_vk.scene.files.usd.motion import Matrix, Motion, matrix, sampled
+from solari_vk.scene.files.usd.places import Hierarchy, Place
 from solari_vk.scene.files.usd.skins import Skins
 from solari_vk.scene.files.usd.stage import composition_faults, open_stage, reason
 from solari_vk.scene.files.usd.surfaces import Simple, Surface, shape_mesh, simple_shape
@@ -36,20 +37,6 @@ _SHOWN = {"default", "render"}
 # Also below prims that are only given a place by `over`, where prototypes stand.
 _PRIMS = Usd.TraverseInstanceProxies(Usd.PrimIsActive & Usd.PrimIsLoaded & Usd.PrimHasDefiningSpecifier)
 _NO_TURN: Matrix = np.eye(4)
-
-
-@dataclass(frozen=True)
-class Place:
-    """Where a prim is: its matrix to the world, its row of the rig (None: nothing moves it), whether it is visible, its
-    purpose, and the label and the object that it is a part of."""
-
-    prim: Any
-    world: Matrix
-    row: int | None = None
-    visible: bool = True
-    purpose: str = "default"
-    label: str = ""
-    part_of: str = ""
 
 
 def load_stage(path: str | os.PathLike[str], variants: Any, strict: bool) -> Scene:
@@ -92,6 +79,7 @@ class _Loader:
         self._meshes: dict[Any, tuple[Mesh, Any]] = {}
         self._shapes: dict[Simple, Mesh] = {}
         self._objects: dict[str, int] = {}
+        self._hierarchy = Hierarchy(self._file)
         self._placed: dict[Any, Place] = {}  # of skeletons
         self._instancers: list[Any] = []  # from the outermost to the one that is expanded
         self._scene = Scene(name=path.stem)
@@ -110,6 +98,7 @@ class _Loader:
         if self._report.first_error and not self._scene.instances:
             raise self._report.first_error
         self._motion.finish(self._scene)
+        self._scene._groups.update(dict.fromkeys(self._hierarchy.groups()))
         self._scene.warnings.extend(self._report.lines())
         return self._scene
 
@@ -151,6 +140,11 @@ class _Loader:
 
     def _below(self, parent: Place, prim: Any) -> Place | None:
         """The place of a prim below another one; None (reported) for one with a wrong transform."""
+        place = self._moved(parent, prim)
+        return None if place is None else self._hierarchy.numbered(place, parent.number)
+
+    def _moved(self, parent: Place, prim: Any) -> Place | None:
+        """The same without a number."""
         place: Place = self._labels.place(replace(parent, prim=prim), self._objects)
         imageable = UsdGeom.Imageable(prim)
         if not imageable:
@@ -223,6 +217,7 @@ class _Loader:
             return
         if row is not None:
             self._motion.later.append(lambda rig: rig.attach(item, row, shown=place.visible))
+        self._hierarchy.add(place, item)
         if place.visible or isinstance(item, Instance):
             self._scene.add(item)
 
@@ -339,6 +334,7 @@ class _Loader:
             return
         if row is not None:
             self._motion.later.append(lambda rig: rig.attach(instance, row, moves=False))
+        self._hierarchy.add(place, instance)
         self._scene.add(instance)
 
     # ---- point instancers ---------------------------------------------------------------------------
@@ -398,4 +394,5 @@ class _Loader:
         for found in still[number]:
             if found.part_of not in names:
                 names[found.part_of] = distinct(found.part_of, self._objects)
-            self._add(replace(found, world=at.world @ found.world, part_of=names[found.part_of]))
+            world = at.world @ found.world
+            self._add(replace(found, world=world, part_of=names[found.part_of], number=at.number))

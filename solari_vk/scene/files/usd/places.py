@@ -1,0 +1,51 @@
+"""Where prims are, and the groups of a scene that they make."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+from solari_vk.scene.files.gltf.hierarchy import groups_of
+from solari_vk.scene.files.gltf.nodes import PlacedNode
+from solari_vk.scene.files.gltf.values import Entry
+from solari_vk.scene.files.usd.motion import Matrix
+from solari_vk.scene.group import Group
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where a prim is: its matrix to the world, its row of the rig (None: nothing moves it), whether it is visible, its
+    purpose, the label and the object that it is a part of, and its number in the hierarchy."""
+
+    prim: Any
+    world: Matrix
+    row: int | None = None
+    visible: bool = True
+    purpose: str = "default"
+    label: str = ""
+    part_of: str = ""
+    number: int = -1
+
+
+class Hierarchy:
+    """Which objects are at and below which prims: those of a prim with several are a group, as glTF's nodes are."""
+
+    def __init__(self, file: str) -> None:
+        self._file = file
+        self._nodes: dict[int, PlacedNode] = {}
+        self._objects: dict[int, list[Any]] = {}
+
+    def numbered(self, place: Place, parent: int) -> Place:
+        """The place with a number, which is larger than its parent's."""
+        number = len(self._nodes)
+        entry = Entry(self._file, f"<{place.prim.GetPath()}>", {"name": place.prim.GetName()})
+        self._nodes[number] = PlacedNode(number, parent, entry, place.world, place.visible)
+        return replace(place, number=number)
+
+    def add(self, place: Place, item: Any) -> None:
+        """Have an object be at a place."""
+        self._objects.setdefault(place.number, []).append(item)
+
+    def groups(self) -> list[Group]:
+        """All groups, parents first."""
+        return groups_of(self._nodes, self._objects)
