@@ -347,6 +347,21 @@ def test_missing_pictures_primvars_and_other_shaders(tmp_path):
         mdl.CreateInput("reflection_roughness_constant", TYPES.Float).Set(0.8)
         material.CreateSurfaceOutput("mdl").ConnectToSource(mdl.ConnectableAPI(), "out")
 
+    def standard(stage, shader):
+        material = UsdShade.Material.Get(stage, "/look")
+        material.GetSurfaceOutput().ClearSources()
+        node = UsdShade.Shader.Define(stage, "/look/standard")
+        node.CreateIdAttr("ND_standard_surface_surfaceshader")
+        node.CreateInput("base", TYPES.Float).Set(0.5)
+        node.CreateInput("base_color", TYPES.Color3f).Set((0.8, 0.4, 0.2))
+        node.CreateInput("emission", TYPES.Float).Set(3.0)
+        node.CreateInput("emission_color", TYPES.Color3f).Set((1, 2, 0))
+        material.CreateSurfaceOutput("mtlx").ConnectToSource(node.ConnectableAPI(), "out")
+
+    found, scene = surface(tmp_path, standard)
+    assert np.allclose(found.base_color, (0.4, 0.2, 0.1))
+    assert np.allclose(found.emissive, (3, 6, 0))
+    assert any("ND_standard_surface" in line for line in scene.warnings)
     found, scene = surface(tmp_path, other)
     assert np.allclose(found.base_color, (0.3, 0.2, 0.1))
     assert found.roughness == pytest.approx(0.8)

@@ -70,7 +70,7 @@ class _Loader:
         if not 1e-12 <= self._unit <= 1e12:
             raise folder.error(f"has {self._unit:g} meters per unit: give it a number from 1e-12 to 1e12")
         files = Files(folder)
-        self._textures = Textures(files, self._report, strict)
+        self._textures = Textures(files, self._report)
         self._materials = Materials(self._textures, self._report, self._time)
         self._lights = Lights(files, self._report, self._time, self._unit)
         self._skins = Skins(self._motion, self._report, self._file)

@@ -165,13 +165,14 @@ class Materials:
         """Base color and opacity. Returns the primvar that colors vertices."""
         opacity = self._gray(inputs, "opacity", 1.0)
         threshold = self._number(inputs, "opacityThreshold", 0.0)
+        weight = inputs.factor("diffuseColor")
         reader = inputs.primvar("diffuseColor")
         color = np.ones(3) if reader else self._color(inputs, "diffuseColor", 0.18, 1.0)
         if isinstance(color, Use):
             texture, factor = self._textures.color(color, opacity if isinstance(opacity, Use) else None)
-            fields |= {"base_color_texture": texture, "base_color": factor.clip(0, 1)}
+            fields |= {"base_color_texture": texture, "base_color": (factor * weight).clip(0, 1)}
         else:
-            fields["base_color"] = color
+            fields["base_color"] = np.clip(color * weight, 0, 1)
             if isinstance(opacity, Use):
                 fields["base_color_texture"] = self._textures.packed({3: opacity})
         alpha = 1.0 if isinstance(opacity, Use) else opacity

@@ -88,10 +88,9 @@ def _relative(place: str, folder: Folder) -> Any:
 class Textures:
     """Makes the textures of materials; equal uses share them."""
 
-    def __init__(self, files: Files, report: Report, strict: bool) -> None:
+    def __init__(self, files: Files, report: Report) -> None:
         self._files = files
         self._report = report
-        self._strict = strict
         self._read: dict[tuple[str, bool], tuple[NDArray[np.uint8], bool] | None] = {}
         self._images: dict[Any, TextureImage] = {}
         self.uv_names: dict[str, int] = {}
