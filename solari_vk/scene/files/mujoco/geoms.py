@@ -174,7 +174,9 @@ def soft_mesh(model: Any, visual: Any, kind: str, number: int) -> Mesh | None:
         corners, normals = (
             values[9 * start :][: 9 * count].reshape(-1, 3) for values in (visual.flexface, visual.flexnormal)
         )
-        uvs = visual.flextexcoord[6 * start :][: 6 * count].reshape(-1, 2)
+        # MuJoCo leaves these as they were in memory for a flex without any.
+        has_uvs = model.flex_texcoordadr[number] >= 0
+        uvs = visual.flextexcoord[6 * start :][: 6 * count].reshape(-1, 2) if has_uvs else None
         return Mesh(corners, normals=_unit(normals), uvs=uvs, name="flex") if count else None
     start, count = int(visual.skinvertadr[number]), int(visual.skinvertnum[number])
     positions, normals = (
