@@ -200,7 +200,7 @@ def test_bodies_are_labels(robot):
 def test_soft_bodies_are_drawn(tmp_path):
     (tmp_path / "cloth.xml").write_text(
         """<mujoco><worldbody><flexcomp name="cloth" type="grid" count="4 4 1" spacing=".1 .1 .1" dim="2" mass="1"
-        pos="0 0 1"/></worldbody></mujoco>"""
+        pos="0 0 1"><edge equality="true"/></flexcomp></worldbody></mujoco>"""
     )
     scene = sv.load(tmp_path / "cloth.xml")
     cloth = next(one for one in scene if "flex" in one.mesh.name)

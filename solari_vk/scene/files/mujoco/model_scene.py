@@ -19,7 +19,7 @@ from solari_vk.scene.camera import Camera
 from solari_vk.scene.files.libraries import library
 from solari_vk.scene.files.mujoco import geoms
 from solari_vk.scene.files.mujoco.lights import environment_of, light_fields
-from solari_vk.scene.files.mujoco.surfaces import Surfaces, look_of, upward
+from solari_vk.scene.files.mujoco.surfaces import Surfaces, is_uniform, look_of, upward
 from solari_vk.scene.group import Group, distinct
 from solari_vk.scene.lights.environment import EnvironmentLight
 from solari_vk.scene.lights.light import Light
@@ -141,11 +141,11 @@ class ModelScene:
         of_model = kind in ("MESH", "SDF", "HFIELD")
         key = (kind, int(geom.dataid)) if of_model else (kind, *size.tolist())
         if is_cube:
-            key = (*key, "cube", bool(geom.texuniform))
+            key = (*key, "cube", is_uniform(self.model, geom))
         if key not in self._meshes:
             self._meshes[key] = self._made(kind, int(geom.dataid), size)
             if is_cube:
-                scale = np.ones(3) if of_model or geom.texuniform else np.where(size > 0, size, 1)
+                scale = np.ones(3) if of_model or key[-1] else np.where(size > 0, size, 1)
                 self._meshes[key] = geoms.with_cube_uvs(self._meshes[key], scale)
         return self._meshes[key]
 

@@ -52,8 +52,8 @@ def look_of(mujoco: Any, model: Any, geom: Any) -> Look:
         for role, number in enumerate(model.mat_texid[material].tolist()):
             if number >= 0:
                 textures.append((mujoco.mjtTextureRole(role).name[10:], number))
-    repeat = np.array(geom.texrepeat, np.float64)
-    if geom.texuniform:
+    repeat = np.array(model.mat_texrepeat[material] if material >= 0 else (1, 1), np.float64)
+    if is_uniform(model, geom):
         # Once in two units of length, as MuJoCo's own renderer has it.
         repeat = repeat * np.where(np.array(geom.size[:2]) > 0, geom.size[:2], 1)
     return Look(
@@ -68,6 +68,11 @@ def look_of(mujoco: Any, model: Any, geom: Any) -> Look:
         textures=tuple(textures),
         repeat=(float(repeat[0]), float(repeat[1])),
     )
+
+
+def is_uniform(model: Any, geom: Any) -> bool:
+    """Whether the texture of an mjvGeom has the same size on all geoms."""
+    return bool(geom.matid >= 0 and model.mat_texuniform[int(geom.matid)])
 
 
 class Surfaces:
