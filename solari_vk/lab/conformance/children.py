@@ -49,7 +49,8 @@ def measure_in_child(options: SuiteOptions, checks: Sequence[Check], send: Send,
     # A forked child would share the state of the driver, which must not be used by two processes.
     context = multiprocessing.get_context("spawn")
     receiving, sending = context.Pipe(duplex=False)
-    with TemporaryDirectory() as folder:
+    # Windows removes no file that a process has open which is about to end, and drivers start some of their own.
+    with TemporaryDirectory(ignore_cleanup_errors=True) as folder:
         log = Path(folder) / "output"
         child = context.Process(target=_run, args=(options, checks, sending, str(log)), daemon=True)
         child.start()
