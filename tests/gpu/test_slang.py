@@ -8,8 +8,10 @@ import pytest
 import solari_vk as sv
 from solari_vk.base.errors import CompilationError
 from solari_vk.gpu.frame.frame import Frame
-from solari_vk.gpu.shaders import slang
+from solari_vk.gpu.shaders import foreign, slang
 from solari_vk.gpu.shaders.compiler import compile_into_spirv
+from solari_vk.gpu.shaders.shader_cache import Sources
+from tests.gpu.shader_folder import check_spirv
 
 needs_slang = pytest.mark.skipif(slang.library_file() is None, reason=f"needs {slang.INSTALL}")
 
@@ -214,6 +216,56 @@ def test_a_header_and_the_cache_on_disk(device, folder, monkeypatch, tmp_path):
         run("#define OTHER 1")
     monkeypatch.setattr(slang, "_compile", lambda *_: pytest.fail("it is in the cache"))
     assert run("#define VALUE 3") == 3
+
+
+@needs_slang
+def test_files_that_are_included_from_anywhere_stay_as_they_are(device, folder):
+    """Those above the root and those with absolute paths; what Slang reads of them is rewritten elsewhere."""
+    root = folder / "deep/root"
+    (root / "passes").mkdir(parents=True)
+    base = "layout(constant_id = 7) const uint base = 3;\n"
+    (folder / "above.glsl").write_text(f"{base}const uint twice = 2 * base;\n")
+    (folder / "absolute.glsl").write_text("const uint forty = 40;\n#if 0\nconst uint never = 2 * base;\n#endif\n")
+    (root / "passes/inner.glsl").write_text('#include "../../../above.glsl"\n')
+    used = f'#include "passes/inner.glsl"\n#include "{(folder / "absolute.glsl").as_posix()}"\n'
+    text = '[shader("compute")] [numthreads(1, 1, 1)] void main() { numbers[0] = base + forty + twice; }'
+    (root / "passes/anywhere.slang").write_text(f"{used}RWStructuredBuffer<uint> numbers;\n{text}\n")
+    before = {file: file.read_bytes() for file in folder.rglob("*.glsl")}
+    stage = sv.Stage("one", {"numbers": 1}, passes=[sv.Pass("anywhere", threads=1)])
+    with Frame(device, [stage], glsl_root=root) as made:
+        made.submit()
+        assert made["numbers"][0] == 49
+    assert {file: file.read_bytes() for file in folder.rglob("*.glsl")} == before
+
+
+@needs_slang
+def test_imports_behind_others_and_comments_are_compiled_anew(device, folder):
+    for number in range(4):
+        (folder / f"passes/n{number}.slang").write_text(f"static const uint n{number} = 1;\n")
+    (folder / "passes/n4.slangh").write_text("static const uint n4 = 1;\n")
+    text = '[shader("compute")] [numthreads(1, 1, 1)] void main() { numbers[0] = n0 + n1 + n2 + n3 + n4; }'
+    imports = "import n0; import n1; // one\nimport /* why */ n2;\n"
+    (folder / "passes/all.slang").write_text(f"{imports}RWStructuredBuffer<uint> numbers;\n{text}\n")
+    one = sv.Pass("all", threads=1, header='import n3;\n#include"n4.slangh"')
+    with Frame(device, [sv.Stage("one", {"numbers": 1}, passes=[one])], glsl_root=folder) as made:
+        for expected, name in enumerate(("", "n0.slang", "n1.slang", "n2.slang", "n3.slang", "n4.slangh"), 5):
+            if name:
+                file = folder / "passes" / name
+                file.write_text(file.read_text().replace("= 1", "= 2"))
+                made.rebuild()
+            made.submit()
+            assert made["numbers"][0] == expected, name
+
+
+@needs_slang
+def test_debug_information_stays_whole(device, folder, monkeypatch):
+    monkeypatch.setattr(slang, "_OPTIONS", (*slang._OPTIONS, "-g2"))
+    monkeypatch.setattr(slang.disk_cache, "load", lambda _: None)
+    text = '[shader("compute")] [numthreads(1, 1, 1)] void main() { numbers[0] = 3; }'
+    (folder / "passes/debug.slang").write_text(f"RWStructuredBuffer<uint> numbers;\n{text}\n")
+    spirv = slang.compile_slang(Sources([folder]), "passes/debug.slang", "", ())
+    assert b"NonSemantic." in spirv
+    check_spirv(foreign.prepared(spirv, "debug"), "debug")
 
 
 def test_without_the_compiler(device, folder, monkeypatch, tmp_path):

@@ -40,8 +40,12 @@ _LITERAL = {
 
 
 def without_texts(spirv: bytes) -> bytes:
-    """The module without source text, file names and lines."""
-    return _joined(spirv, _instructions(spirv))
+    """The module without source text, file names and lines, but for strings that debug information needs."""
+    found = list(spv.instructions(spirv))
+    imported = [spv.text(words[2:]) for words in found if spv.opcode(words) == spv.OP_EXT_INST_IMPORT]
+    needs_strings = any(name.startswith("NonSemantic.") for name in imported)
+    dropped = spv.TEXTS - {spv.OP_STRING} if needs_strings else spv.TEXTS
+    return _joined(spirv, (words for words in found if spv.opcode(words) not in dropped))
 
 
 def without_dead_code(spirv: bytes) -> bytes:

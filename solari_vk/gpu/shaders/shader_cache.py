@@ -17,10 +17,20 @@ from solari_vk.base.errors import SolariError, warn
 from solari_vk.base.files import read_regular
 from solari_vk.gpu.shaders import headers
 
-_INCLUDE = re.compile(rb'^[ \t]*#[ \t]*include[ \t]+["<]([^">\n]+)[">]', re.MULTILINE)
+_INCLUDE = re.compile(rb'^[ \t]*#[ \t]*include[ \t]*["<]([^">\n]+)[">]', re.MULTILINE)
 _INDEX = "shipped.json"
 # Slang imports modules by their names: `import a.b;` is the file a/b.slang.
-_IMPORT = re.compile(rb'^[ \t]*(?:__exported[ \t]+)?(?:import|__include)[ \t]+("[^"\n]+"|[\w.]+)[ \t]*;', re.MULTILINE)
+_IMPORT = re.compile(rb'\b(?:import|__include)\s+("[^"\n]+"|[\w.]+)(?=\s*;)')
+_TEXT_OR_COMMENT = re.compile(rb'"[^"\n]*"|//[^\n]*|/\*.*?\*/', re.DOTALL)
+
+
+def _without_comments(source: bytes) -> bytes:
+    """Lines keep their numbers."""
+
+    def blank(found: re.Match[bytes]) -> bytes:
+        return found[0] if found[0].startswith(b'"') else b" " + b"\n" * found[0].count(b"\n")
+
+    return _TEXT_OR_COMMENT.sub(blank, source)
 
 
 class Sources:
@@ -46,16 +56,16 @@ class Sources:
             self._files[path] = next((file for file in files if os.path.isfile(file)), None)
         return self._files[path]
 
-    def closure(self, path: str, source: bytes | None = None) -> dict[str, bytes]:
+    def closure(self, path: str, source: bytes | None = None, header: str = "") -> dict[str, bytes]:
         """The files and generated headers a shader may include, itself first, as {path: text}.
 
-        `source` stands for the shader's text. Includes in inactive #if branches count too. Raises CompilationError for
-        a generated header that no module makes.
+        `source` stands for the shader's text, `header` comes before it. Includes in inactive #if branches count too.
+        Raises CompilationError for a generated header that no module makes.
         """
         if source is not None:
             self._texts[path] = source
         found: dict[str, bytes] = {}
-        waiting = [path]
+        waiting = [*self._included_by(path, header.encode()), path]
         while waiting:
             name = waiting.pop()
             # A file may be included by several; its text and includes are read once.
@@ -76,6 +86,7 @@ class Sources:
         return self._texts[name]
 
     def _included_by(self, name: str, text: bytes) -> Iterator[str]:
+        text = _without_comments(text)
         for match in _IMPORT.finditer(text) if name.endswith(".slang") else ():
             module = match[1].decode(errors="replace")
             file = module.strip('"') if module.startswith('"') else module.replace(".", "/")
@@ -99,7 +110,7 @@ class Sources:
     def key(self, path: str, header: str, options: str) -> str:
         """A hash of everything, except the compiler, that a shader's SPIR-V depends on."""
         digest = hashlib.sha256(f"{path}\0{options}\0{header}\0".encode())
-        for name, text in sorted(self.closure(path).items()):
+        for name, text in sorted(self.closure(path, header=header).items()):
             if name not in self._digests:
                 self._digests[name] = hashlib.sha256(text).digest()
             digest.update(f"{name}\0".encode() + self._digests[name])

@@ -119,15 +119,18 @@ def _compile(
     text = read_regular(file, f"{file}").decode("utf-8", "replace")
     if header:
         text = f'#line 1 "{file.as_posix()} (header)"\n{header}\n#line 1 "{file.as_posix()}"\n{text}'
-    included = sources.closure(path)
+    included = sources.closure(path, header=header)
     defined = {**dict.fromkeys(macros, 1), **constant_ids(included.values())}
     with tempfile.TemporaryDirectory() as folder:
-        # Files that aren't Slang are included as they are in `folder`.
-        for name, content in _in_slang(included).items():
-            target = Path(folder, name)
+        # Files that aren't Slang are included as they are in `folder`; those with absolute paths, where they are.
+        texts = {name: text for name, text in _in_slang(included).items() if not Path(name).anchor}
+        # So deep in it that paths above the sources' root, which begin with "..", stay in it.
+        root = os.path.join(folder, *["root"] * max((Path(name).parts.count("..") for name in texts), default=0))
+        for name, content in texts.items():
+            target = Path(os.path.normpath(os.path.join(root, name)))
             target.parent.mkdir(parents=True, exist_ok=True)
             target.write_bytes(content)
-        search = [folder, *map(os.fspath, sources.roots)]
+        search = [root, *map(os.fspath, sources.roots)]
         arguments = [*_OPTIONS, *(f"-D{name}={value}" for name, value in defined.items())]
         arguments += [word for place in search for word in ("-I", place)]
         request = loaded.spCreateCompileRequest(session)
@@ -142,7 +145,7 @@ def _compile(
             made = loaded.spGetCompileRequestCode(request, ctypes.byref(length)) if done >= 0 else None
             if not made:
                 log = (loaded.spGetDiagnosticOutput(request) or b"").decode("utf-8", "replace")
-                log = _readable(log, file, folder, sources)
+                log = _readable(log, file, folder, root, sources)
                 raise CompilationError(log or f"{file}: error: Slang made no code of it")
             return ctypes.string_at(made, length.value)
         finally:
@@ -151,13 +154,14 @@ def _compile(
 
 # ---- errors ------------------------------------------------------------------------------------------
 
-_MESSAGE = re.compile(r"^(error|warning)\[(\w+)\]: (.*)(?:\n +--> (.+):(\d+):\d+)?$", re.MULTILINE)
+_MESSAGE = re.compile(r"^(?:fatal )?(error|warning)\[(\w+)\]: (.*)(?:\n +--> (.+):(\d+):\d+)?$", re.MULTILINE)
 _PART = re.compile(r"^(?=note\b|.+:\d+: (?:error|warning): )", re.MULTILINE)
 _NO_ENTRY_POINT = "E57004"
 
 
-def _readable(log: str, file: Path, folder: str, sources: Sources) -> str:
-    """Slang's messages, each with file and line in front as those of GLSL have them; warnings only beside errors."""
+def _readable(log: str, file: Path, folder: str, root: str, sources: Sources) -> str:
+    """Slang's messages, each with file and line in front as those of GLSL have them; warnings only beside errors.
+    root: in the temporary folder, what paths of files that aren't Slang begin at."""
 
     def in_front(found: re.Match[str]) -> str:
         kind, code, text, place, line = found.groups()
@@ -165,7 +169,7 @@ def _readable(log: str, file: Path, folder: str, sources: Sources) -> str:
             text = 'there is no entry point: [shader("compute")] marks the function that runs'
         if place is None:
             return f"{file}: {kind}: {text} ({code})"
-        name = Path(place).relative_to(folder).as_posix() if place.startswith(folder) else ""
+        name = Path(os.path.relpath(place, root)).as_posix() if place.startswith(folder) else ""
         known = sources.find(name) if name else Path(place)
         return f"{known or name}:{line}: {kind}: {text} ({code})"
 
