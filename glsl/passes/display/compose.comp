@@ -5,12 +5,18 @@
 #include "passes/display/emission.glsl"
 #include "passes/gbuffer/gbuffer.glsl"
 #include "passes/paths/bindings.glsl"
+#include "passes/paths/short_history.glsl"  // turn_count
 #include "passes/demodulation.glsl"
 
 layout(local_size_x = 8, local_size_y = 8) in;
 
-// With the setting upscale: of so many pixels one takes a path in a frame.
-layout(constant_id = pixels_per_path_id) const float pixels_per_path = 1.0;
+// Of how many pixels a pixel's light is that of this frame, so that the mean over frames is right. Paths out of turn
+// count for none, or what has just come into view would be too bright.
+float stands_for(uint index) {
+    if (!uses_denoiser(index)) { return 1.0; }
+    uint number;
+    return pixels_per_path * float(turn_count(index, number));
+}
 
 void main() {
     uvec2 pixel = gl_GlobalInvocationID.xy;
@@ -27,9 +33,7 @@ void main() {
     Medium medium = camera_medium();
     vec3 emitted = visible_emission(pixel, medium);
     vec3 arrives = transmittance(medium, distance(surface.world_position, make_camera_ray(vec2(pixel) + 0.5).origin));
-    // Light of few pixels stands for that of all, so that the mean over frames is right.
-    float stands_for = uses_denoiser(index) ? pixels_per_path : 1.0;
-    raw_radiance.at[index] = emitted + stands_for * (diffuse + specular) * arrives;
+    raw_radiance.at[index] = emitted + stands_for(index) * (diffuse + specular) * arrives;
     error.at[index] = 0.0;
     if (uses_denoiser(index)) {
         Denoised light = denoised(pixel);

@@ -24,8 +24,7 @@ Path start_path(uvec2 pixel, GBufferSurface surface, uint sample_index) {
     }
     path.vertex = make_vertex(surface);
     path.walk.medium = path.vertex.above;
-    uint number;
-    is_its_turn(element_index(pixel, camera.size), number);
+    uint number = path_number(element_index(pixel, camera.size));
     float choice = sobol_point(number, seed_rng(pixel, 0u, first_salt)).x;
     path.lobe_u = fract(choice + unit_float(bitfieldReverse(sample_index)));
     uint sequence = seed_rng(pixel, 0u, salt);

@@ -18,6 +18,7 @@ layout(constant_id = pixels_per_path_id) const float pixels_per_path = 1.0;
 layout(set = 1, scalar) uniform PathShareBlock { float value; } path_share;
 
 const uint SHARE_SALT = 0x5BE0CD19u, TURN_SALT = 0x9B05688Cu;
+const uint FIRST_EXTRA_PATH = 1u << 31u;  // numbers of paths that pixels take out of turn
 const uint GOLDEN_RATIO = 2654435769u;  // 2^32 over it
 
 // Whether some pixels take no path, so that the others are in a list.
@@ -25,11 +26,12 @@ bool chooses_pixels() { return max_timed_samples > 0u || pixels_per_path > 1.0; 
 
 // With upscale, pixels take their paths by turns: one of each block of n x n, the same of all blocks, so that
 // the pixels of a frame are as far apart as they can be. The order is another one each time, or surfaces that move by a
-// pixel a frame might never have a turn. Returns whether it is a pixel's turn; number: how many it has had.
-bool is_its_turn(uint index, out uint number) {
+// pixel a frame might never have a turn. Returns how many turns a pixel has in this frame, two at most: the last one of
+// an order and the first one of the next. number: of turns that it has had before.
+uint turn_count(uint index, out uint number) {
     number = this_frame.index;
-    if (pixels_per_path == 1.0) { return true; }
-    uint n = uint(ceil(sqrt(pixels_per_path) - 1e-3)), count = n * n;
+    if (pixels_per_path == 1.0) { return 1u; }
+    uint n = uint(ceil(sqrt(pixels_per_path) - 1e-3)), count = n * n, found = 0u;
     uvec2 within = find_pixel_of(index) % n;
     // Fixed-point numbers of turns up to this frame's and the next one's, which have 29 bits behind the point.
     uint turns_per_frame = uint(float(count) / pixels_per_path * 536870912.0);
@@ -37,13 +39,21 @@ bool is_its_turn(uint index, out uint number) {
     umulExtended(this_frame.index + uvec2(0u, 1u), uvec2(turns_per_frame), high, low);
     uvec2 turns = high << 3u | low >> 29u;
     for (uint turn = turns[0]; turn < turns[1]; turn++) {
-        number = turn / count;
-        uint random = seed_rng(uvec2(number, 0u), 0u, this_frame.seed ^ TURN_SALT);
+        uint order = turn / count;
+        uint random = seed_rng(uvec2(order, 0u), 0u, this_frame.seed ^ TURN_SALT);
         // A permutation, because the factor and the count have no common divisor.
         uint whose = (turn % count * (n * (random % n) + 1u) + (random >> 16u)) % count;
-        if (whose == within.x + n * within.y) { return true; }
+        if (whose != within.x + n * within.y) { continue; }
+        number = order;
+        found++;
     }
-    return false;
+    return found;
+}
+
+// The number of a path among those of its pixel, for sequences of random points.
+uint path_number(uint index) {
+    uint number;
+    return turn_count(index, number) > 0u ? number : FIRST_EXTRA_PATH + this_frame.index;
 }
 
 // The number of paths of a pixel, by the length of its history before this frame. It is that of the diffuse lobe, since
@@ -53,8 +63,12 @@ uint samples_per_pixel(uint index) {
     float long_enough = min(SHORT_HISTORY, float(denoise_settings.max_history - 1u));
     float frames = history_length(index);
     uint samples = frames < long_enough ? short_history_samples : 1u;
-    uint turns;
-    if (max_timed_samples == 0u) { return is_its_turn(index, turns) ? samples : 0u; }
+    if (max_timed_samples == 0u) {
+        uint number;
+        if (turn_count(index, number) > 0u) { return samples; }
+        // What has just come into view has no light yet, and pixels around it may show other surfaces.
+        return frames < 1.0 ? 1u : 0u;
+    }
     // The expected number is rounded up or down at random, with a number that is uniform over pixels and a golden ratio
     // (Weyl) sequence over frames, so that the choice doesn't depend on what paths have found. Pixels with less than
     // one frame of history take one path at least.

@@ -20,11 +20,12 @@ MOVING = Rule("surfaces that move by whole pixels a frame have half of the paths
 
 
 def paths_taken(device, upscale):
-    """Which pixels took a path in each frame (frames, h, w)."""
+    """Which pixels took a path in each frame after the first one (frames, h, w)."""
     scene = white_wall()
     scene.add(sv.PointLight((0, 0, 0)))
     with make_renderer(device, scene, SIZE, denoise=True, world_cache=False, upscale=upscale) as renderer:
         assert renderer.render_size == SIZE
+        renderer.render()
         return np.array([np.asarray(renderer.render()["paths_diffuse"])[..., 3] >= 0 for _ in range(FRAMES)])
 
 
@@ -54,8 +55,8 @@ test_a_seeded_bug_is_noticed = bug_tests(
             measure_turns,
             Bug(
                 "passes/paths/short_history.glsl",
-                "is_its_turn",
-                "return correct(index, number) && find_pixel_of(index).x > 0u;",
+                "turn_count",
+                "return find_pixel_of(index).x > 0u ? correct(index, number) : 0u;",
             ),
         ),
         MOVING: (measure_moving, Bug("common/hash.glsl", "seed_rng", "return correct(pixel, 0u * number, seed) & 0u;")),
@@ -64,19 +65,35 @@ test_a_seeded_bug_is_noticed = bug_tests(
 
 
 def test_the_means_are_those_of_all_paths(device):
-    """Of raw frames, the light of whose few pixels counts for all, and of denoised ones."""
-    found = []
-    for upscale in (1.0, 2.0):
+    """Of raw frames, the light of whose few pixels counts for all, and of denoised ones. With 1.1 a pixel may have two
+    turns in a frame."""
+    found = {}
+    for upscale in (1.0, 1.1, 2.0):
         with make_renderer(device, builtin("cornell_box"), (32, 32), denoise=True, upscale=upscale) as renderer:
             raw, shown = np.zeros((2, 32, 32, 3))
             for _ in range(96):
                 frame = renderer.render()
                 raw += read_radiance(frame, "raw_radiance")
                 shown += read_radiance(frame)
-        found.append((raw.mean(), shown.mean()))
-    ratios = np.divide(found[1], found[0])
-    print("raw {:.4f}, denoised {:.4f} of the mean with all paths".format(*ratios))
-    assert np.abs(ratios - 1).max() < 0.02
+        found[upscale] = np.array([raw.mean(), shown.mean()])
+    for upscale in (1.1, 2.0):
+        ratios = found[upscale] / found[1.0]
+        print("upscale {}: raw {:.4f}, denoised {:.4f} of the mean with all paths".format(upscale, *ratios))
+        assert np.abs(ratios - 1).max() < 0.02
+
+
+def test_what_comes_into_view_takes_a_path(device):
+    """That is all of the first frame, then what a moved camera shows first; the rest takes its turns."""
+    scene = white_wall()
+    scene.add(sv.PointLight((0, 0, 0)))
+    with make_renderer(device, scene, SIZE, denoise=True, world_cache=False, upscale=3.0) as renderer:
+        first = renderer.render(camera_moved_by(0))
+        assert (np.asarray(first["paths_diffuse"])[..., 3] >= 0).all()
+        moved = renderer.render(camera_moved_by(16))
+        taken = np.asarray(moved["paths_diffuse"])[..., 3] >= 0
+    new = np.flatnonzero(taken.all(axis=0))
+    assert new[0] > 2 and list(new) == list(range(new[0], SIZE[0]))
+    assert taken[:, : new[0]].mean() < 0.25
 
 
 def test_pixels_without_a_path_darken_nothing_that_moves(device):
