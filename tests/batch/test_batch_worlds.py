@@ -39,9 +39,11 @@ def frames_of(batch, poses, seeds=None, apply=None):
     return taken
 
 
-@pytest.mark.parametrize("renderer", OPTIONS)
-def test_worlds_are_scenes_of_their_own(device, renderer):
+@pytest.mark.parametrize(("renderer", "upscale"), [*((name, 1.0) for name in OPTIONS), ("realtime", 1.5)])
+def test_worlds_are_scenes_of_their_own(device, renderer, upscale):
     scene, options = sv.builtin("cornell_box"), {"renderer": renderer, **OPTIONS[renderer]}
+    if upscale > 1:  # a workgroup may have pixels of several worlds
+        options["settings"] = Settings(world_cache=False, upscale=upscale)
     given = {name: [transforms(frame, name, scene) for frame in range(3)] for name in MOVED}
 
     def move_worlds(batch, frame):
