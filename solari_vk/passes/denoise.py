@@ -14,6 +14,7 @@ from solari_vk.gpu.shaders.headers import constants
 
 CELL_SIZE = 4  # width in pixels of a gradient cell, an element of `denoise_cells`
 LIGHT_BLOCK_SIZE = 8  # the same of a block, over which light taken from fireflies is summed: `denoise_blocks`
+HISTORIES = ("denoise_guides", "denoise_diffuse", "denoise_specular", "denoise_alternate")
 LEVELS = 5  # passes of the blur, each twice as wide as the one before; an odd number ends in `denoise_pong`
 
 
@@ -28,10 +29,7 @@ def history_stage(size: tuple[int, int], skips_pixels: bool = False) -> Stage:
     pixels = size[0] * size[1]
     return Stage(
         "history",
-        buffers={
-            **dict.fromkeys(("denoise_guides", "denoise_diffuse", "denoise_specular"), History(pixels)),
-            "denoise_alternate": pixels,
-        },
+        buffers=dict.fromkeys(HISTORIES, History(pixels)),
         passes=[Pass("denoise/reproject", threads=size, constants={"skips_pixels": skips_pixels})],
     )
 

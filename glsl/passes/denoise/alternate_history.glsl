@@ -1,5 +1,6 @@
 // The history of a second surface in a pixel. Samples are jittered within the pixel, so that at edges they show one of
-// two surfaces by turns: while frames show one of them, the history of the other is put aside here.
+// two surfaces by turns, as they do by chance where a surface is blended: while frames show one of them, the history of
+// the other is put aside here.
 #ifndef PASSES_DENOISE_ALTERNATE_HISTORY_GLSL
 #define PASSES_DENOISE_ALTERNATE_HISTORY_GLSL
 
@@ -16,6 +17,10 @@ struct AlternateHistory {
 };
 
 layout(set = 1, scalar) buffer DenoiseAlternateBlock { AlternateHistory at[]; } denoise_alternate;
+layout(set = 1, scalar) readonly buffer PreviousDenoiseAlternateBlock { AlternateHistory at[]; }
+    previous_denoise_alternate;
+
+const AlternateHistory NO_ALTERNATE = AlternateHistory(uvec2(0u), uvec3(0u));
 
 const uint FRAMES_MASK = 0xFFu << 6u;
 

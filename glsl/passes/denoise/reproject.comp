@@ -72,31 +72,40 @@ LobeHistory find_specular(ivec2 pixel, Guide guide, PreviousSurface previous, Ta
     return blend(surface_history, virtual_history, share);
 }
 
-// Where nothing moved: keeps the pixel's own history if it is of this surface. Else takes the alternate history, if
-// that is of this surface, and puts the pixel's own aside as the new alternate.
-void keep_unmoved_history(ivec2 pixel, uint index, PreviousSurface previous, Guide guide, inout uint rng) {
-    if (guide.kind != NOT_DENOISED && is_consistent(load_previous_guide(pixel), previous, guide, MAX_PLANE_DISTANCE)) {
-        denoise_diffuse.at[index] = previous_denoise_diffuse.at[index];
-        denoise_specular.at[index] = previous_denoise_specular.at[index];
-        return;
+// The alternate history of a pixel of the previous frame, with its surface's depth in this frame, if that stays in place.
+// guide: of the pixel that takes it. The surface may move by a pixel against this pixel's; the tolerance allows for it.
+AlternateHistory moved_alternate(AlternateHistory alternate, ivec2 from, Guide guide) {
+    if (kind_of(alternate.surface) == NOT_DENOISED) { return NO_ALTERNATE; }
+    Guide moved = unpack_guide(surface_of(alternate), from, previous_camera);
+    vec3 position = moved.position + previous_camera.world_from_view[3] - camera.world_from_view[3];
+    moved.depth = is_orthographic(camera)
+        ? -dot(position, camera.world_from_view[2])
+        : length(position) * guide.depth / length(guide.position);
+    alternate.surface = with_frames(pack_guide(moved), frames_of(alternate.surface));
+    return moved.depth > 0.0 ? alternate : NO_ALTERNATE;
+}
+
+// The pixel of the previous frame in which the surface was, `from`, showed one of two surfaces. If its alternate history
+// is of this pixel's surface, lobes without a history take that. The other surface becomes the new alternate history.
+void swap_alternate(
+    ivec2 from, uint index, PreviousSurface previous, Guide guide, inout LobeHistory diffuse,
+    inout LobeHistory specular, inout uint rng
+) {
+    uint from_index = element_index(from, camera.size);
+    bool has_surface = guide.kind != NOT_DENOISED;
+    AlternateHistory alternate = previous_denoise_alternate.at[from_index];
+    Guide aside = unpack_guide(surface_of(alternate), from, previous_camera);
+    bool was_aside = has_surface && is_consistent(aside, previous, guide, MAX_ALTERNATE_PLANE_DISTANCE);
+    if (was_aside && diffuse.frames == 0.0) { unpack_alternate(alternate, diffuse, specular); }
+    if (was_aside) { alternate = NO_ALTERNATE; }
+    Guide shown = load_previous_guide(from);
+    bool showed_this = has_surface && is_consistent(shown, previous, guide, MAX_PLANE_DISTANCE);
+    if (!showed_this && shown.kind != NOT_DENOISED) {
+        LobeHistory diffuse_before = unpack_lobe_history(previous_denoise_diffuse.at[from_index]);
+        LobeHistory specular_before = unpack_lobe_history(previous_denoise_specular.at[from_index]);
+        alternate = pack_alternate(previous_denoise_guides.at[from_index], diffuse_before, specular_before, rng);
     }
-    LobeHistory diffuse = NO_HISTORY, specular = NO_HISTORY;
-    AlternateHistory alternate = denoise_alternate.at[index];
-    bool matches_alternate = guide.kind != NOT_DENOISED
-        && is_consistent(
-            unpack_guide(surface_of(alternate), pixel, camera), previous, guide, MAX_ALTERNATE_PLANE_DISTANCE
-        );
-    if (matches_alternate) { unpack_alternate(alternate, diffuse, specular); }
-    uvec2 before = previous_denoise_guides.at[index];
-    if (kind_of(before) != NOT_DENOISED) {
-        LobeHistory diffuse_before = unpack_lobe_history(previous_denoise_diffuse.at[index]);
-        LobeHistory specular_before = unpack_lobe_history(previous_denoise_specular.at[index]);
-        denoise_alternate.at[index] = pack_alternate(before, diffuse_before, specular_before, rng);
-    } else if (matches_alternate) {
-        denoise_alternate.at[index].surface = uvec2(0u);
-    }
-    denoise_diffuse.at[index] = pack_lobe_history(diffuse, rng);
-    denoise_specular.at[index] = pack_lobe_history(specular, rng);
+    denoise_alternate.at[index] = moved_alternate(alternate, from, guide);
 }
 
 void main() {
@@ -110,19 +119,26 @@ void main() {
     denoise_guides.at[index] = has_surface ? pack_guide(guide) : uvec2(0u);
     uint rng = seed_rng(uvec2(pixel), this_frame.index, this_frame.seed ^ PASS_SALT);
     LobeHistory diffuse = NO_HISTORY, specular = NO_HISTORY;
+    denoise_alternate.at[index] = NO_ALTERNATE;
     if (denoise_settings.denoise != 0u && this_frame.has_history != 0u) {
         PreviousSurface previous = find_previous_surface(pixel, guide);
-        if (previous.pixel == vec2(pixel) + 0.5 && previous.position == guide.position) {
-            keep_unmoved_history(pixel, index, previous, guide, rng);
+        bool moved = previous.pixel != vec2(pixel) + 0.5 || previous.position != guide.position;
+        if (!moved && has_surface && is_consistent(load_previous_guide(pixel), previous, guide, MAX_PLANE_DISTANCE)) {
+            denoise_diffuse.at[index] = previous_denoise_diffuse.at[index];
+            denoise_specular.at[index] = previous_denoise_specular.at[index];
+            denoise_alternate.at[index] = previous_denoise_alternate.at[index];
             return;
         }
-        Taps taps = has_surface ? find_taps(previous.pixel, previous, guide, MAX_PLANE_DISTANCE) : no_taps();
+        Taps taps = has_surface && moved ? find_taps(previous.pixel, previous, guide, MAX_PLANE_DISTANCE) : no_taps();
         if (taps.weight > 0.0) {
             diffuse = read_diffuse(taps);
             specular = find_specular(pixel, guide, previous, taps);
         }
+        ivec2 from = ivec2(floor(previous.pixel));
+        if (is_inside(from, camera.size)) {
+            swap_alternate(from, index, previous, guide, diffuse, specular, rng);
+        }
     }
-    denoise_alternate.at[index].surface = uvec2(0u);
     denoise_diffuse.at[index] = has_surface ? pack_lobe_history(diffuse, rng) : uvec4(0u);
     denoise_specular.at[index] = has_surface ? pack_lobe_history(specular, rng) : uvec4(0u);
 }

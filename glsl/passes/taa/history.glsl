@@ -96,9 +96,7 @@ vec2 motion_in_picture(ivec2 pixel) {
     return motion * vec2(camera.picture_size) + this_frame.user_jitter_change;
 }
 
-// Whether a pixel begins a new mean, as in a first frame, because what it shows has jumped. Its first sample then tells
-// little of edges, so that coverage.comp writes their light to `radiance`; to other such pixels it writes NO_COVERAGE.
-const vec3 NO_COVERAGE = vec3(-1.0);
+// Whether a pixel begins a new mean, as in a first frame, because what it shows has jumped.
 bool begins_anew(ivec2 center) {
     if (this_frame.has_history == 0u) { return true; }
     vec2 motion = motion_in_picture(center);
@@ -147,6 +145,14 @@ bool is_blended(ivec2 center) {
     }
     return false;
 }
+
+// Whether it is chance that frames show a blended surface or what is behind it, while either moves.
+bool blends_in_motion(ivec2 center) { return SCENE_BLEND && is_blended(center) && !is_still(center); }
+
+// Whether one sample tells little of what a pixel shows, and the mean over frames is short. coverage.comp then writes
+// the light of several camera rays to `radiance`, or NO_COVERAGE.
+const vec3 NO_COVERAGE = vec3(-1.0);
+bool needs_coverage(ivec2 center) { return !in_exposure() && (begins_anew(center) || blends_in_motion(center)); }
 
 // Whether a surface around has another opacity than in the previous frame, or is blended or masked and has another
 // material. Frames before showed it in other shares of their samples.

@@ -81,7 +81,7 @@ void main() {
         }
         if (!exposed) { weight = UNEXPOSED; }  // stands for samples of the row's time, until there are some
     }
-    vec3 covered = anew ? radiance.at[index] : NO_COVERAGE;
+    vec3 covered = needs_coverage(around.center) ? radiance.at[index] : NO_COVERAGE;
     if (covered != NO_COVERAGE) { found = NearestSample(covered, true); }
     if (found.exists) {
         // A sample counts in proportion to its number in the sequence, since the denoiser knows more from frame to

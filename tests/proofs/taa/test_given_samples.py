@@ -6,12 +6,16 @@ from support.frames import frames_of_known_light
 from support.scenes import WALL_SIZE, camera_moved_by, white_wall
 from support.seeded_bugs import Bug, Measurement, Rule, bug_tests, require
 
+import solari_vk as sv
+from solari_vk.scene import shapes
+
 EVEN = Rule("an even light stays as it is, also upscaled and in motion")
 AREA = Rule("a pixel of a still picture tends to the mean of the light in its area")
 UPSCALED = Rule("an upscaled still picture tends to the mean of the light in each of its pixels")
 SHARP = Rule("motion by parts of a pixel keeps patterns")
 FOLLOWED = Rule("light that changes everywhere is followed in few frames")
 NOISE = Rule("noise of samples becomes less with the square root of their number")
+BLENDED = Rule("blended surfaces in motion show their alpha, with little noise")
 NOT_FINITE = Rule("samples that aren't finite change no pixel")
 PASSES = ("gbuffer/", "guides/", "taa/")
 SETTLED = 96  # frames: three times all positions in a pixel
@@ -24,11 +28,12 @@ _GIVEN = """
     return vec3({light});"""
 
 
-def _picture(device, light, frames=SETTLED, step=0.0, upscale=1.0):
+def _picture(device, light, frames=SETTLED, step=0.0, upscale=1.0, scene=None):
     """The picture (h, w) of samples with this light, a GLSL expression, after some frames, in which the camera moves to
-    the right by `step` pixels a frame."""
+    the right by `step` pixels a frame. scene: by default a white wall."""
     body, settings = _GIVEN.format(light=light), {"antialiasing": True, "jitter": True, "upscale": upscale}
-    with frames_of_known_light(device, white_wall(), SAMPLES, "load_sample", body, PASSES, **settings) as renderer:
+    scene = scene or white_wall()
+    with frames_of_known_light(device, scene, SAMPLES, "load_sample", body, PASSES, **settings) as renderer:
         for number in range(frames):
             frame = renderer.render(camera_moved_by(step * number))
         return np.asarray(frame["radiance"], np.float64)[..., 1]
@@ -91,6 +96,19 @@ def measure_noise(device):
     yield Measurement(NOISE, abs(float(picture.mean()) - 1), 0.02, "of the mean")
 
 
+def measure_blended(device):
+    """A black pane before a white wall. By chance samples show one or the other."""
+    for alpha in (0.5, 0.9):
+        scene = white_wall()
+        pane = sv.Material(alpha=alpha, alpha_mode="blend")
+        scene.add(shapes.polygons(np.array([[-9, -9, -1.5], [9, -9, -1.5], [9, 9, -1.5], [-9, 9, -1.5]])), pane)
+        row = "imageLoad(gbuffer_surface, texel_of(pixel)).y"
+        light = f"instances.at[{row}].material == instances.at[0].material ? 1.0 : 0.0"
+        picture = _inside(_picture(device, light, 12, 0.7, scene=scene))
+        yield Measurement(BLENDED, abs(float(picture.mean()) - 1 + alpha), 0.01, "off in the mean", f"alpha {alpha}")
+        yield Measurement(BLENDED, float(picture.std()), 0.06, "of the contrast is noise", f"alpha {alpha}")
+
+
 def measure_not_finite(device):
     """A sample that is NaN or infinite in every second frame."""
     for value in ("0.0 / 0.0", "1.0 / 0.0", "-1.0 / 0.0"):
@@ -100,7 +118,14 @@ def measure_not_finite(device):
         yield Measurement(NOT_FINITE, changed, 0.0, f"of {picture.size} pixels", value)
 
 
-MEASURES = (measure_even_light, measure_motion, measure_changes, measure_noise, measure_not_finite)
+MEASURES = (
+    measure_even_light,
+    measure_motion,
+    measure_changes,
+    measure_noise,
+    measure_blended,
+    measure_not_finite,
+)
 
 
 @pytest.mark.parametrize(
@@ -129,6 +154,7 @@ test_a_seeded_bug_is_noticed = bug_tests(
         SHARP: (measure_motion, Bug(HISTORY, "interpolate_history", "return correct(floor(position) + 0.5, around);")),
         FOLLOWED: (measure_changes, Bug("passes/taa/constants.glsl", "SUSPECT", "1e9")),
         NOISE: (measure_noise, Bug("passes/taa/constants.glsl", "LONGEST", "31.0")),
+        BLENDED: (measure_blended, Bug("passes/taa/coverage.comp", "find_sample", "return false;")),
         NOT_FINITE: (measure_not_finite, Bug("common/math.glsl", "is_finite_color", "return true;")),
     },
     quick=(EVEN,),
