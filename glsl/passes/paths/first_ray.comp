@@ -14,8 +14,9 @@ const uint PASS_SALT = 0x3F84D5B5u, SAMPLE_SALT = 0x9E3779B9u;
 
 // Over consecutive frames a pixel's first directions are points of a Sobol sequence, so that the mean of frames has
 // less noise than with independent ones. Each further path of the frame has a sequence of its own, except for the
-// number that chooses the lobe: over the paths of a frame that is a shifted van der Corput sequence.
-Path start_path(uvec2 pixel, GBufferSurface surface, uint sample_index) {
+// number that chooses the lobe: over the paths of a frame that is a shifted van der Corput sequence. number: as of
+// samples_per_pixel.
+Path start_path(uvec2 pixel, GBufferSurface surface, uint sample_index, uint number) {
     uint first_salt = this_frame.seed ^ PASS_SALT, salt = first_salt ^ sample_index * SAMPLE_SALT;
     Path path = start_path(seed_rng(pixel, this_frame.index, salt));
     if (SCENE_DISPERSION) {
@@ -24,7 +25,6 @@ Path start_path(uvec2 pixel, GBufferSurface surface, uint sample_index) {
     }
     path.vertex = make_vertex(surface);
     path.walk.medium = path.vertex.above;
-    uint number = path_number(element_index(pixel, camera.size));
     float choice = sobol_point(number, seed_rng(pixel, 0u, first_salt)).x;
     path.lobe_u = fract(choice + unit_float(bitfieldReverse(sample_index)));
     uint sequence = seed_rng(pixel, 0u, salt);
@@ -41,7 +41,7 @@ void main() {
     uvec2 pixel;
     if (!find_pixel_of_path(sample_index, pixel, index)) { return; }
     if (traces_apart) { store_no_path_state(index); }
-    uint samples = samples_per_pixel(index);
+    uint number, samples = samples_per_pixel(index, number);
     if (max_timed_samples > 0u && sample_index >= samples) { return; }
     if (sample_index == 0u && samples > 1u) {
         uint thread = atomicAdd(paths_queues.at[view_index].short_history_count, 1u);
@@ -52,7 +52,7 @@ void main() {
         paths_diffuse.at[index] = paths_specular.at[index] = vec4(0.0);
         return;
     }
-    Path path = start_path(pixel, surface, sample_index);
+    Path path = start_path(pixel, surface, sample_index, number);
     choose_rays(path);
     bool waits = traces_apart;
     if (traces_apart) {

@@ -18,7 +18,6 @@ layout(constant_id = pixels_per_path_id) const float pixels_per_path = 1.0;
 layout(set = 1, scalar) uniform PathShareBlock { float value; } path_share;
 
 const uint SHARE_SALT = 0x5BE0CD19u, TURN_SALT = 0x9B05688Cu;
-const uint FIRST_EXTRA_PATH = 1u << 31u;  // numbers of paths that pixels take out of turn
 const uint GOLDEN_RATIO = 2654435769u;  // 2^32 over it
 
 // Whether some pixels take no path, so that the others are in a list.
@@ -27,10 +26,11 @@ bool chooses_pixels() { return max_timed_samples > 0u || pixels_per_path > 1.0; 
 // With upscale, pixels take their paths by turns: one of each block of n x n, the same of all blocks, so that
 // the pixels of a frame are as far apart as they can be. The order is another one each time, or surfaces that move by a
 // pixel a frame might never have a turn. Returns how many turns a pixel has in this frame, two at most: the last one of
-// an order and the first one of the next. number: of turns that it has had before.
+// an order and the first one of the next. number: of turns that it has had before; without a turn one that no turn has.
 uint turn_count(uint index, out uint number) {
     number = this_frame.index;
     if (pixels_per_path == 1.0) { return 1u; }
+    number = ~number;
     uint n = uint(ceil(sqrt(pixels_per_path) - 1e-3)), count = n * n, found = 0u;
     uvec2 within = find_pixel_of(index) % n;
     // Fixed-point numbers of turns up to this frame's and the next one's, which have 29 bits behind the point.
@@ -50,25 +50,16 @@ uint turn_count(uint index, out uint number) {
     return found;
 }
 
-// The number of a path among those of its pixel, for sequences of random points.
-uint path_number(uint index) {
-    uint number;
-    return turn_count(index, number) > 0u ? number : FIRST_EXTRA_PATH + this_frame.index;
-}
-
 // The number of paths of a pixel, by the length of its history before this frame. It is that of the diffuse lobe, since
-// that of the specular lobe is short wherever the camera moves.
-uint samples_per_pixel(uint index) {
+// that of the specular lobe is short wherever the camera moves. number: of earlier frames in which it took paths.
+uint samples_per_pixel(uint index, out uint number) {
+    uint turns = turn_count(index, number);
     if (!uses_denoiser(index)) { return 1u; }
     float long_enough = min(SHORT_HISTORY, float(denoise_settings.max_history - 1u));
     float frames = history_length(index);
     uint samples = frames < long_enough ? short_history_samples : 1u;
-    if (max_timed_samples == 0u) {
-        uint number;
-        if (turn_count(index, number) > 0u) { return samples; }
-        // What has just come into view has no light yet, and pixels around it may show other surfaces.
-        return frames < 1.0 ? 1u : 0u;
-    }
+    // What has just come into view has no light yet, and pixels around it may show other surfaces.
+    if (max_timed_samples == 0u) { return turns > 0u ? samples : uint(frames < 1.0); }
     // The expected number is rounded up or down at random, with a number that is uniform over pixels and a golden ratio
     // (Weyl) sequence over frames, so that the choice doesn't depend on what paths have found. Pixels with less than
     // one frame of history take one path at least.
@@ -76,6 +67,11 @@ uint samples_per_pixel(uint index) {
     float expected = min(path_share.value * float(samples), float(max_timed_samples));
     uint chosen = uint(expected + unit_float(offset + this_frame.index * GOLDEN_RATIO));
     return clamp(chosen, frames < 1.0 ? 1u : 0u, max_timed_samples);  // the sum may round up to one more
+}
+
+uint samples_per_pixel(uint index) {
+    uint number;
+    return samples_per_pixel(index, number);
 }
 
 #endif
