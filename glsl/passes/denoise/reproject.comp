@@ -72,8 +72,8 @@ LobeHistory find_specular(ivec2 pixel, Guide guide, PreviousSurface previous, Ta
     return blend(surface_history, virtual_history, share);
 }
 
-// The alternate history of a pixel of the previous frame, with its surface's depth in this frame, if that stays in place.
-// guide: of the pixel that takes it. The surface may move by a pixel against this pixel's; the tolerance allows for it.
+// The alternate history of a pixel of the previous frame, with the depth that its surface has in this frame if it stays
+// in place. guide: of the pixel that takes it. Both surfaces may move against each other, which the tolerance allows.
 AlternateHistory moved_alternate(AlternateHistory alternate, ivec2 from, Guide guide) {
     if (kind_of(alternate.surface) == NOT_DENOISED) { return NO_ALTERNATE; }
     Guide moved = unpack_guide(surface_of(alternate), from, previous_camera);
@@ -85,8 +85,8 @@ AlternateHistory moved_alternate(AlternateHistory alternate, ivec2 from, Guide g
     return moved.depth > 0.0 ? alternate : NO_ALTERNATE;
 }
 
-// The pixel of the previous frame in which the surface was, `from`, showed one of two surfaces. If its alternate history
-// is of this pixel's surface, lobes without a history take that. The other surface becomes the new alternate history.
+// The pixel of the previous frame in which the surface was, `from`, showed one of two surfaces. If its alternate
+// history is of this pixel's surface, lobes without a history take that. The other surface is put aside.
 void swap_alternate(
     ivec2 from, uint index, PreviousSurface previous, Guide guide, inout LobeHistory diffuse,
     inout LobeHistory specular, inout uint rng

@@ -186,7 +186,8 @@ def answered(file, damage):
 
 
 def initialized(change):
-    return Bug("scene/ray_query.glsl", "ray_query_initialize", f"{change} correct(query, structure, desc);")
+    changed = f"{change} correct(query, record, structure, desc);"
+    return Bug("scene/ray_query_state.glsl", "ray_query_initialize", changed)
 
 
 READ_BUGS = {  # damage to what was hit, and parts of the rules that fail by ray queries and by ray pipelines
