@@ -320,6 +320,7 @@ def test_the_environment_sets_the_budget(tmp_path, monkeypatch, value):
         path.load()
 
 
+@pytest.mark.posix
 @pytest.mark.parametrize("name", ["pipe.glb", "pipe.obj", "pipe.hdr", "pipe.exr", "pipe.png"])
 def test_pipes_are_refused_at_once(tmp_path, name):
     os.mkfifo(tmp_path / name)

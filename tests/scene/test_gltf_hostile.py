@@ -85,6 +85,7 @@ def test_files_that_are_no_gltf(tmp_path, content, message):
     assert message in refusal(tmp_path / "file.glb", content)
 
 
+@pytest.mark.posix
 def test_paths_that_are_no_files(tmp_path):
     os.mkfifo(tmp_path / "pipe.glb")
     for path, message in (
@@ -129,6 +130,7 @@ URIS = [
 ]
 
 
+@pytest.mark.posix
 @pytest.mark.parametrize("kind", ["buffers", "images"])
 def test_uris_outside_the_folder(tmp_path, basic, kind):
     (tmp_path / "secret.bin").write_bytes(image_file(GRAY) * 10)
@@ -152,6 +154,7 @@ def test_uris_outside_the_folder(tmp_path, basic, kind):
             assert message in scene.warnings[0]
 
 
+@pytest.mark.posix
 def test_uris_inside_the_folder_may_take_detours_and_links(tmp_path, basic):
     (tmp_path / "sub").mkdir()
     (tmp_path / "sub" / "real.bin").write_bytes(basic.data)
@@ -165,6 +168,7 @@ def test_uris_inside_the_folder_may_take_detours_and_links(tmp_path, basic):
         assert load_gltf(tmp_path / "folder" / "file.gltf").instances
 
 
+@pytest.mark.posix
 def test_endless_buffers(tmp_path, basic):
     content = basic.finish()
     os.mkfifo(tmp_path / "pipe")

@@ -72,6 +72,7 @@ def test_obj_with_materials(plane):
     np.testing.assert_allclose(mesh.normals, [[0, 0, 1]] * 4, atol=1e-6)
 
 
+@pytest.mark.posix
 def test_names_of_files_may_differ_in_case_alone(plane):
     for name, other in (("wood.png", "Wood.PNG"), ("plane.mtl", "PLANE.mtl")):
         (plane.parent / name).rename(plane.parent / other)
@@ -172,6 +173,7 @@ def test_textures_that_need_a_missing_library_are_warned_of(tmp_path, monkeypatc
     assert [str(one.message) for one in warned] == scene.warnings
 
 
+@pytest.mark.posix
 @pytest.mark.parametrize(
     ("mtl", "reason"),
     [
@@ -252,6 +254,7 @@ def test_damage_is_not_logged(tmp_path, capfd, caplog):
     assert capfd.readouterr() == ("", "")
 
 
+@pytest.mark.posix
 @pytest.mark.parametrize(
     ("name", "options", "message"),
     [
