@@ -97,6 +97,31 @@ def test_surfaces_keep_what_the_file_says(robot):
     np.testing.assert_allclose(shell.emissive, 0.5 * WHITE, rtol=1e-6)
 
 
+@pytest.mark.parametrize(
+    ("size", "uniform", "expected"),
+    [
+        # u = a x + b and v = c y + d (b, d without whole repeats), measured in pictures of mujoco.Renderer 3.17.
+        ("0 0", "true", (0.25, 0.5, -0.35, 0.5)),
+        ("0 0", "false", (0.25, 0.5, -0.35, 0.5)),
+        ("0 2", "true", (0.25, 0.5, -0.35, 0.2)),
+        ("0 2", "false", (0.25, 0.5, -0.175, 0.85)),
+        ("2 1.5", "true", (0.25, 0.5, -0.35, 0.525)),
+        ("2 1.5", "false", (0.125, 0.25, -0.7 / 3, 0.35)),
+    ],
+)
+def test_textures_of_planes_lie_where_mujoco_has_them(tmp_path, size, uniform, expected):
+    (tmp_path / "floor.xml").write_text(
+        f"""<mujoco><asset><texture name="t" type="2d" builtin="checker" width="8" height="8"/>
+        <material name="m" texture="t" texrepeat=".5 .7" texuniform="{uniform}"/></asset>
+        <worldbody><geom name="floor" type="plane" size="{size} 1" material="m"/></worldbody></mujoco>"""
+    )
+    floor = sv.load(tmp_path / "floor.xml").instances["floor"]
+    corners = np.column_stack([floor.mesh.uvs, np.ones(4)]) @ floor.material.base_color_texture.uv_transform.T
+    places = floor.mesh.positions
+    u, v = np.polyfit(places[:, 0], corners[:, 0], 1), np.polyfit(places[:, 1], corners[:, 1], 1)
+    np.testing.assert_allclose((u[0], u[1] % 1, v[0], v[1] % 1), expected, atol=1e-3)
+
+
 def test_sides_of_a_box_show_the_faces_of_a_cube(robot):
     """The file's layout is up, left, front, right, back, down; OpenGL's faces look along x, y and z."""
     scene = sv.load(robot)

@@ -38,8 +38,7 @@ def primitive(kind: str, size: Floats, far: float) -> Mesh:
     cameras end."""
     size = np.where(size > 0, size, _SMALLEST) if kind != "PLANE" else size
     if kind == "PLANE":
-        half = np.where(size[:2] > 0, size[:2], INFINITE * far)
-        return _plane(half[0], half[1])
+        return _plane(size[:2], INFINITE * far)
     if kind in ("SPHERE", "ELLIPSOID"):
         return _spherical(size)
     if kind == "BOX":
@@ -55,10 +54,12 @@ def primitive(kind: str, size: Floats, far: float) -> Mesh:
     raise SolariError(f"MuJoCo: geoms of the kind {kind.lower()} have no mesh here")
 
 
-def _plane(x: float, y: float) -> Mesh:
-    corners = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)])
-    positions = np.column_stack([corners * (x, y), np.zeros(4)])
-    uvs: Floats = (corners * (1, -1) + 1) / 2
+def _plane(half: Floats, endless: float) -> Mesh:
+    """half: of the width and the height; where it is 0, they have no end, and a picture covers two units of length."""
+    ends = half > 0
+    corners = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)]) * np.where(ends, half, endless)
+    positions = np.column_stack([corners, np.zeros(4)])
+    uvs: Floats = (corners / np.where(ends, half, 1) * (1, -1) + ends) / 2
     normals = np.tile((0.0, 0.0, 1.0), (4, 1))
     return Mesh(positions, np.array([(0, 1, 2), (0, 2, 3)]), normals=normals, uvs=uvs, name="plane")
 

@@ -19,7 +19,7 @@ from solari_vk.scene.camera import Camera
 from solari_vk.scene.files.libraries import library
 from solari_vk.scene.files.mujoco import geoms
 from solari_vk.scene.files.mujoco.lights import environment_of, light_fields
-from solari_vk.scene.files.mujoco.surfaces import Surfaces, is_uniform, look_of, upward
+from solari_vk.scene.files.mujoco.surfaces import Surfaces, is_endless, is_uniform, look_of, upward
 from solari_vk.scene.group import Group, distinct
 from solari_vk.scene.lights.environment import EnvironmentLight
 from solari_vk.scene.lights.light import Light
@@ -126,8 +126,7 @@ class ModelScene:
             transform = pose(geom.pos, geom.mat)
         if instance is None:
             instance = self._new_instance(key, kind, mesh, transform)
-            is_endless = kind == "PLANE" and not (np.array(geom.size[:2]) > 0).all()
-            if is_endless and self.scene.backdrop is None:
+            if is_endless(self.mujoco, geom) and self.scene.backdrop is None:
                 self.scene.backdrop = instance
         fields: dict[str, Any] = {"mesh": mesh, "material": material, "visible": True}
         changed = {name: value for name, value in fields.items() if getattr(instance, name) is not value}

@@ -22,7 +22,7 @@ _SKY_ROWS = 512
 
 class Look(NamedTuple):
     """What a geom's surface depends on; equal looks share a Material. texture: the numbers of a material's textures by
-    their roles. repeat: how often the picture repeats along u and v."""
+    their roles. repeat: how often the picture repeats along u and v. shift: of the picture along both."""
 
     name: str
     rgba: tuple[float, ...]
@@ -34,6 +34,7 @@ class Look(NamedTuple):
     roughness: float
     textures: tuple[tuple[str, int], ...]
     repeat: tuple[float, float]
+    shift: float
 
 
 def linear(color: Any) -> NDArray[np.float32]:
@@ -67,7 +68,13 @@ def look_of(mujoco: Any, model: Any, geom: Any) -> Look:
         roughness=roughness,
         textures=tuple(textures),
         repeat=(float(repeat[0]), float(repeat[1])),
+        shift=0.5 if textures and is_endless(mujoco, geom) else 0.0,  # as MuJoCo's own renderer has it
     )
+
+
+def is_endless(mujoco: Any, geom: Any) -> bool:
+    """Whether an mjvGeom is a plane without an end along x or y."""
+    return bool(geom.type == mujoco.mjtGeom.mjGEOM_PLANE and min(geom.size[:2]) <= 0)
 
 
 def is_uniform(model: Any, geom: Any) -> bool:
@@ -125,7 +132,7 @@ class Surfaces:
         if is_cube:
             return Texture(image, wrap_u="clamp_to_edge", wrap_v="clamp_to_edge")
         u, v = look.repeat
-        return Texture(image, uv_transform=np.array([(u, 0, 0), (0, v, 0)]))
+        return Texture(image, uv_transform=np.array([(u, 0, look.shift), (0, v, look.shift)]))
 
     def _image(self, kind: str, first: int | None, second: int | None = None) -> TextureImage:
         """kind: "color", whose alpha the second texture has; "rough" of a texture for roughness and one for metallic;
