@@ -216,6 +216,31 @@ def test_groups_turn_as_joints_do(robot):
     assert {one.name for one in scene.groups["geom group 1"]} == {"bone"}
 
 
+def test_groups_of_bodies_keep_their_names(tmp_path):
+    """A joint of the same name gets a number, as does a body without a name."""
+    (tmp_path / "leg.xml").write_text(
+        """<mujoco><worldbody><body name="knee"><joint name="body 2"/><geom size="1"/>
+        <body><joint name="knee"/><geom size="1"/></body></body>
+        <body name="geom group 0"><geom size="1"/></body></worldbody></mujoco>"""
+    )
+    names = {group.name for group in sv.load(tmp_path / "leg.xml").groups}
+    assert names == {"knee", "knee 2", "body 2", "body 2 2", "geom group 0", "geom group 0 2"}
+
+
+def test_long_chains_load_in_seconds(tmp_path):
+    (tmp_path / "cable.xml").write_text(
+        """<mujoco><worldbody><composite type="cable" curve="s" count="301 1 1" size="5" offset="0 0 1" initial="none">
+        <joint kind="main" damping=".01"/><geom type="capsule" size=".002"/></composite></worldbody></mujoco>"""
+    )
+    scene = sv.load(tmp_path / "cable.xml")
+    assert len(scene) == 300
+    assert "levels deep" in scene.warnings[0]
+    last = scene[-1]
+    before = last.transform[1, 3]
+    scene.groups["B_first"].position += (0, 1, 0)  # moves all, also what has no group of its own
+    assert last.transform[1, 3] == pytest.approx(before + 1)
+
+
 def test_bodies_are_labels(robot):
     scene = sv.load(robot)
     found = {name: (scene.instances[name].label, scene.instances[name].part_of) for name in ("table", "shell", "claw")}

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from solari_vk.base.errors import SolariError
 from solari_vk.scene.camera import Camera
+from solari_vk.scene.files.gltf.hierarchy import MOST_LEVELS
 from solari_vk.scene.files.libraries import library
 from solari_vk.scene.files.mujoco import geoms
 from solari_vk.scene.files.mujoco.lights import environment_of, light_fields
@@ -65,6 +66,9 @@ class ModelScene:
         self._far = float(model.vis.map.zfar * model.stat.extent)
         self._undrawn: set[str] = set()
         self._names: dict[str, int] = {}
+        given = [model.body(body).name for body in range(model.nbody)]
+        used = dict.fromkeys(filter(None, given), 1)
+        self._body_names = [name or distinct(f"body {body}", used) for body, name in enumerate(given)]
 
     # ---- states -------------------------------------------------------------------------------------
 
@@ -177,7 +181,7 @@ class ModelScene:
 
     def body_name(self, body: int) -> str:
         """The name of a body, or one made of its number."""
-        return self.model.body(body).name or f"body {body}"
+        return self._body_names[body]
 
     # ---- lights and cameras -------------------------------------------------------------------------
 
@@ -266,24 +270,54 @@ class ModelScene:
                 members[int(self.model.light_bodyid[index])].append(light)
         for index, camera in enumerate(self.scene.cameras):
             members[int(self.model.cam_bodyid[index])].append(camera)
+        joints = self._joints()
+        used = dict.fromkeys(self._body_names, 1)  # bodies keep their names; joints of the same name get a number
+        names = {joint: distinct(self.model.joint(joint).name, used) for some in joints.values() for joint in some}
         # Children have higher numbers than what carries them.
         for body in range(self.model.nbody - 1, 0, -1):
-            group = self._body_group(data, body, members[body])
-            members[int(self.model.body_parentid[body])].append(group)
+            inside = members[body]
+            if body in joints:
+                inside = [self._body_group(data, body, inside, {joint: names[joint] for joint in joints[body]})]
+            members[int(self.model.body_parentid[body])] += inside
         for number, instances in sorted(by_group.items()):
-            self.scene.group(*instances, name=f"geom group {number}")
+            self._group(instances, distinct(f"geom group {number}", used), np.eye(4))
 
-    def _body_group(self, data: Any, body: int, items: list[Any]) -> Group:
-        """The group of a body, or the outermost one of its joints, which hold each other."""
+    def _joints(self) -> dict[int, list[int]]:
+        """The bodies that get groups, and the joints of each that do."""
         model = self.model
-        where = pose(data.xpos[body], data.xmat[body])
-        group = self.scene.group(*items, name=self.body_name(body), transform=where)
-        first = int(model.body_jntadr[body])
-        for joint in range(first + int(model.body_jntnum[body]) - 1, first - 1, -1):
-            if model.jnt_type[joint] == self.mujoco.mjtJoint.mjJNT_FREE or not model.joint(joint).name:
-                continue
-            name = distinct(model.joint(joint).name, {other.name: 1 for other in self.scene.groups})
-            group = self.scene.group(group, name=name, transform=pose(data.xanchor[joint], _frame(data.xaxis[joint])))
+        found: dict[int, list[int]] = {}
+        levels = np.zeros(model.nbody, int)
+        for body in range(1, model.nbody):
+            first = int(model.body_jntadr[body])
+            joints = [
+                joint
+                for joint in range(first, first + int(model.body_jntnum[body]))
+                if model.jnt_type[joint] != self.mujoco.mjtJoint.mjJNT_FREE and model.joint(joint).name
+            ]
+            above = levels[model.body_parentid[body]]
+            fits = above + 1 + len(joints) <= MOST_LEVELS
+            levels[body] = above + 1 + len(joints) if fits else above
+            if fits:
+                found[body] = joints
+        left_out = model.nbody - 1 - len(found)
+        if left_out:
+            self.scene.warnings.append(
+                f"{left_out} bodies have no group of their own, but move with that of a body above them: groups are "
+                f"{MOST_LEVELS} levels deep at most"
+            )
+        return found
+
+    def _body_group(self, data: Any, body: int, items: list[Any], joints: dict[int, str]) -> Group:
+        """The group of a body, or the outermost one of its joints, which hold each other."""
+        group = self._group(items, self.body_name(body), pose(data.xpos[body], data.xmat[body]))
+        for joint, name in reversed(joints.items()):
+            group = self._group([group], name, pose(data.xanchor[joint], _frame(data.xaxis[joint])))
+        return group
+
+    def _group(self, items: list[Any], name: str, transform: NDArray[np.float64]) -> Group:
+        """A group of what is in the scene; `Scene.group` would look for each object in it."""
+        group = Group(items, name=name, transform=transform)
+        self.scene._groups[group] = None
         return group
 
 
