@@ -8,6 +8,7 @@ from PIL import Image
 
 import solari_vk as sv
 from solari_vk.scene.files.mujoco import geoms
+from solari_vk.scene.files.mujoco.mjcf import compile_spec
 from solari_vk.scene.files.mujoco.surfaces import WHITE, linear, sky_image
 
 mujoco = pytest.importorskip("mujoco")
@@ -312,6 +313,10 @@ def test_collada_has_its_unit_and_colors(package):
     assert part.material.base_color[1] > 3 * part.material.base_color[0]
 
 
+REPLICATED = """<mujoco><worldbody><replicate count="3000" offset="1 0 0"><replicate count="3000" offset="0 1 0">
+<geom size=".1"/></replicate></replicate></worldbody></mujoco>"""
+
+
 @pytest.mark.parametrize(
     ("text", "message"),
     [
@@ -324,6 +329,9 @@ def test_collada_has_its_unit_and_colors(package):
         ('<mujoco><worldbody><body pos="nan 0 0"><geom size="1"/></body></worldbody></mujoco>', "pos is 'nan 0 0'"),
         ('<mujoco><worldbody><geom size="-1"/></worldbody></mujoco>', "MuJoCo can't read this"),
         ('<mujoco><asset><texture builtin="flat" width="99999" height="99999"/></asset></mujoco>', "memory"),
+        ('<mujoco><asset><texture name="t" builtin="flat" width="99999"/></asset></mujoco>', "<texture> t would take"),
+        ('<mujoco><asset><hfield nrow="99999" ncol="99999" size="1 1 1 1"/></asset></mujoco>', "<hfield> would take"),
+        (REPLICATED, "copies of its elements would take"),
     ],
 )
 def test_bad_models_get_one_line(tmp_path, text, message):
@@ -336,10 +344,18 @@ def test_bad_models_get_one_line(tmp_path, text, message):
     assert "bad.xml" in str(caught.value)
 
 
+def test_what_mujocos_compiler_raises_gets_one_line():
+    def fail():
+        raise RuntimeError("out of\nluck")
+
+    with pytest.raises(sv.SolariError, match=r"a\.xml: MuJoCo can't read this: out of luck"):
+        compile_spec("a.xml", mujoco, fail)
+
+
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (("meshes/tip.obj", "meshes/none.obj"), "no file 'meshes/none.obj' in a folder 'pack'"),
+        (("meshes/tip.obj", "meshes/none.obj"), "no file 'meshes/none.obj' in a package 'pack'"),
         (("package://pack/meshes/tip.obj", "../../../etc/passwd.obj"), "no file"),
         (('child link="b"', 'child link="c"'), "MuJoCo can't read this"),
         (('scale="2 2 2"', 'scale="0 2 2"'), "scale of a mesh"),
@@ -354,6 +370,23 @@ def test_bad_urdf_gets_one_line(package, change, message):
     with pytest.raises(sv.SolariError, match=message) as caught:
         sv.load(package)
     assert "\n" not in str(caught.value)
+
+
+def test_folders_above_are_packages_by_what_they_have(package):
+    """Not by their name alone: package:// of any folder above would read what lies there."""
+    outer = package.parent.parent.parent
+    (outer / "tip.obj").write_bytes((outer / "pack/meshes/tip.obj").read_bytes())
+    package.write_text(URDF.replace("pack/meshes/tip.obj", f"{outer.name}/tip.obj"))
+    with pytest.raises(sv.SolariError, match=r"package\.xml"):
+        sv.load(package)
+    (outer / "package.xml").write_text("<package/>")
+    assert len(sv.load(package)) == 3
+    with pytest.raises(sv.SolariError, match=r"no file 'tip\.obj'"):
+        sv.load(package, folder=outer / "pack")
+    assert len(sv.load(package, folder=outer)) == 3
+    package.write_text(URDF.replace("pack/meshes/tip.obj", "pack/%00.obj"))
+    with pytest.raises(sv.SolariError, match="no file"):
+        sv.load(package)
 
 
 def test_a_folder_allows_what_lies_beside(package):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import re
 import warnings
@@ -16,9 +17,11 @@ from solari_vk.scene.files.mujoco.references import Folder, read_xml
 _DIRECTORIES = ("meshdir", "texturedir", "assetdir")
 _BYTES_PER_BYTE = 12  # of a mesh or a picture, while it is read
 _MOST_FILES = 1000  # of XML
+_MOST = 10**9  # that is counted: more is refused anyway
 _SMALLEST = 1e-9  # kg and kg m^2: pictures don't depend on them
 _LINE = re.compile(r", line \d+")
-_NUMBER = re.compile(r"\d+")
+_BYTES_PER_POINT = 400  # of a height field, with its mesh
+_BYTES_PER_COPY = 20_000  # of an element that MuJoCo repeats, with its instance
 
 
 def compiled(path: Path, folder: str | os.PathLike[str] | None, mujoco: Any) -> Any:
@@ -37,7 +40,7 @@ def compile_spec(who: str, mujoco: Any, make: Any, *, is_rewritten: bool = False
         spec.compiler.balanceinertia = True
         with warnings.catch_warnings(action="ignore"):  # about what simulations alone depend on
             return spec.compile()
-    except (ValueError, TypeError, mujoco.FatalError) as error:
+    except (ValueError, TypeError, RuntimeError, MemoryError, mujoco.FatalError) as error:
         reason = " ".join(str(error).split())
         reason = shortened(_LINE.sub("", reason) if is_rewritten else reason, 200)
         raise SolariError(f"{who}: MuJoCo can't read this: {reason}: mend the file") from None
@@ -46,6 +49,7 @@ def compile_spec(who: str, mujoco: Any, make: Any, *, is_rewritten: bool = False
 def check_files(path: Path, folder: Folder) -> None:
     """Raise SolariError unless an MJCF file, and all that it and its parts name, can be read and may be."""
     roots: dict[Path, Element] = {}
+    named: dict[Element, Path] = {}  # by elements that name a file of XML
     waiting = [path.resolve()]
     while waiting:
         file = waiting.pop()
@@ -63,7 +67,9 @@ def check_files(path: Path, folder: Folder) -> None:
         for element in root.iter():
             if element.tag in ("include", "model") and "file" in element.attrib:
                 around = (path.resolve().parent, file.parent)
-                waiting.append(folder.find(element.attrib["file"], around, f"<{element.tag}>"))
+                named[element] = folder.find(element.attrib["file"], around, f"<{element.tag}>")
+                waiting.append(named[element])
+    charge(_BYTES_PER_COPY * _copies(path.resolve(), roots, named), str(path), "the copies of its elements")
     subfolders = {
         element.attrib[name]
         for root in roots.values()
@@ -90,9 +96,45 @@ def _check_element(element: Element, bases: list[Path], folder: Folder) -> None:
         if name.startswith("file") and value:
             found = _find(value, bases, folder, what)
             charge(_BYTES_PER_BYTE * found.stat().st_size, folder.who, what)
-    sizes = [element.attrib.get(name, "") for name in ("width", "height")]
-    if element.tag == "texture" and all(map(_NUMBER.fullmatch, sizes)):
-        charge(4 * int(sizes[0]) * int(sizes[1]), folder.who, what)
+    if element.tag == "texture":
+        width, height = (math.prod(_counts(element, name)) for name in ("width", "height"))
+        is_cube = element.attrib.get("type", "cube") != "2d"
+        charge(4 * width * max(height, 6 * width * is_cube), folder.who, what)
+    if element.tag == "hfield":
+        rows, columns = (math.prod(_counts(element, name)) for name in ("nrow", "ncol"))
+        charge(_BYTES_PER_POINT * rows * columns, folder.who, what)
+
+
+def _copies(main: Path, roots: dict[Path, Element], named: dict[Element, Path]) -> int:
+    """How many elements MuJoCo makes, beyond those of the files, by <replicate>, <composite>, <flexcomp>, <attach>."""
+    sizes = [sum(1 for _ in roots[file].iter()) for element, file in named.items() if element.tag == "model"]
+    total = 0
+    waiting = [(roots[main], 1)]
+    included = {main}
+    while waiting:
+        element, times = waiting.pop()
+        total += times - 1
+        if element.tag == "include" and named.get(element, main) not in included:  # MuJoCo includes each file once
+            included.add(named[element])
+            waiting.append((roots[named[element]], times))
+        if element.tag == "attach":
+            total += times * max(sizes, default=0)
+        if element.tag in ("replicate", "composite", "flexcomp"):
+            times = min(times * math.prod(_counts(element, "count")), _MOST)
+            total += times
+        waiting += [(child, times) for child in element]
+    return total
+
+
+def _counts(element: Element, name: str) -> list[int]:
+    """The whole numbers of an attribute, at least 1 each; MuJoCo says what is wrong with others."""
+    found = []
+    for word in element.attrib.get(name, "").split():
+        try:
+            found.append(min(max(int(float(word)), 1), _MOST))
+        except (ValueError, OverflowError):
+            continue
+    return found
 
 
 def _find(value: str, bases: list[Path], folder: Folder, what: str) -> Path:

@@ -13,7 +13,15 @@ from solari_vk.base.budget import charge
 from solari_vk.base.errors import SolariError, quoted
 from solari_vk.base.files import read_regular
 
-_BESIDE = ("urdf", "mjcf", "xml", "sdf", "robots")  # folders of packages that hold files beside `meshes`
+_BESIDE = (
+    "urdf",
+    "mjcf",
+    "xml",
+    "sdf",
+    "robots",
+    "xacro",
+    "launch",
+)  # folders of packages that hold files beside `meshes`
 _LEVELS = 6  # above a file, where its package is looked for
 _BYTES_PER_BYTE = 16  # of XML, while it is read
 _URI = re.compile(r"(package|model|file)://(.*)", re.DOTALL)
@@ -25,6 +33,7 @@ class Folder:
     def __init__(self, path: Path, given: str | os.PathLike[str] | None = None) -> None:
         self.who = str(path)
         self.near = path.parent.resolve()
+        self.is_given = given is not None
         if given is not None:
             self.root = Path(given).resolve()
             if not self.root.is_dir():
@@ -61,18 +70,29 @@ class Folder:
         raise SolariError(f"{self.who}: {what}: there is no file {quoted(reference)}: check the path")
 
     def _in_package(self, rest: str, what: str) -> Path:
-        """A file of a ROS package, which is the folder with its name above the file, or in the folder that may be
-        read."""
+        """A file of a ROS package, in a folder with its name: one above the file, or in the folder that may be read."""
         name, _, inner = rest.partition("/")
-        parents = [parent for parent in (self.near, *self.near.parents)[: 2 * _LEVELS] if parent.name == name]
-        for package in (*parents, self.root / name):
-            found = (package / inner).resolve()
-            if found.is_file() and (found.is_relative_to(package) or found.is_relative_to(self.root)):
+        above = [parent for parent in (self.near, *self.near.parents)[: 2 * _LEVELS] if name and parent.name == name]
+        if self.is_given:
+            above = [parent for parent in above if parent.is_relative_to(self.root)]
+        for package in (*filter(self._is_package, above), self.root / name):
+            try:
+                found = (package / inner).resolve()
+                is_there = found.is_file()
+            except (OSError, ValueError):
+                continue
+            inside = [self.root] if self.is_given else [package, self.root]
+            if is_there and any(map(found.is_relative_to, inside)):
                 return found
         raise SolariError(
-            f"{self.who}: {what}: there is no file {quoted(inner)} in a folder {quoted(name)} above the file: give the "
-            "folder that holds the package by folder=..."
+            f"{self.who}: {what}: there is no file {quoted(inner)} in a package {quoted(name)} above the file, a "
+            "folder with a package.xml or with the robot in urdf/: give the folder that holds the package by folder=..."
         )
+
+    def _is_package(self, folder: Path) -> bool:
+        """Whether a folder above the file is a package: by its package.xml, or by where it has the file."""
+        within = self.near.relative_to(folder).parts
+        return (folder / "package.xml").is_file() or not within or within[0] in _BESIDE
 
 
 def read_xml(path: Path) -> ElementTree.Element:
