@@ -9,6 +9,7 @@ from PIL import Image
 import solari_vk as sv
 from solari_vk.scene.files.mujoco import geoms
 from solari_vk.scene.files.mujoco.mjcf import compile_spec
+from solari_vk.scene.files.mujoco.model_scene import model_scene
 from solari_vk.scene.files.mujoco.surfaces import WHITE, linear, sky_image
 
 mujoco = pytest.importorskip("mujoco")
@@ -175,6 +176,42 @@ def test_lights_have_physical_units(robot):
     sky = sky.image
     np.testing.assert_allclose(sky[0, 0], WHITE * linear((0, 0, 1)), atol=0.2)  # at the top
     np.testing.assert_allclose(sky[-1, 0], WHITE * linear((1, 0, 0)), atol=0.2)
+
+
+def test_lights_follow_the_model(robot):
+    """What the model changes changes; what it doesn't stays as it was edited, and a light that moves as bright."""
+    model, data = state(robot)
+    shown = model_scene(model, data)
+    lamp, bulb, sun = (shown.scene.lights[name] for name in ("lamp", "bulb", "sun"))
+    before = lamp.intensity
+    lamp.color = (1, 0, 0)
+    sun.illuminance = 5
+    data.light_xpos[model.light("lamp").id] = (0, 0, 9)
+    shown.update(data)
+    assert lamp.position[1] == pytest.approx(9)
+    assert (lamp.intensity, tuple(lamp.color)) == (before, (1, 0, 0))
+    model.light_cutoff[model.light("lamp").id] = 20
+    model.light_diffuse[model.light("bulb").id] = (0, 0.5, 0)
+    model.light_type[model.light("sun").id] = mujoco.mjtLightType.mjLIGHT_POINT
+    shown.update(data)
+    assert np.degrees(lamp.outer_cone_angle) == pytest.approx(20)
+    np.testing.assert_allclose((lamp.color, bulb.color), [(1, 0, 0), (0, 0.5, 0)])
+    assert isinstance(shown.scene.lights["sun"], sv.PointLight)
+
+
+def test_ambient_light_follows_the_model():
+    model = mujoco.MjModel.from_xml_string('<mujoco><worldbody><geom size="1"/></worldbody></mujoco>')
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    shown = model_scene(model, data)
+    flux = shown.scene.environment.flux
+    model.vis.headlight.ambient *= 3
+    shown.update(data)
+    assert shown.scene.environment.flux == pytest.approx(3 * flux)
+    own = shown.scene.environment = sv.Environment(7.0)
+    model.vis.headlight.ambient *= 2
+    shown.update(data)
+    assert shown.scene.environment is own
 
 
 def test_a_skybox_has_its_faces_around_the_scene():

@@ -20,6 +20,8 @@ from solari_vk.scene.lights.punctual import PointLight, SpotLight
 
 FULL = math.pi * WHITE
 """Lux of a diffuse color of 1."""
+AMBIENT = "ambient"
+"""The name of the environment that ambient colors make."""
 BRIGHTEST_SKY = 0.4
 """Of what a sky of `surfaces.WHITE` all around would give: brighter ones are dimmed to it."""
 _HALF = math.sqrt(0.5)  # the share of a spotlight's ramp whose square is a half
@@ -53,6 +55,13 @@ def light_fields(mujoco: Any, model: Any, light: Any) -> tuple[type[Light], dict
     return SpotLight, fields | {"direction": direction} | _cone(float(light.cutoff), float(light.exponent))
 
 
+def light_numbers(model: Any, light: Any) -> tuple[float, ...]:
+    """What an mjvLight's fields depend on, but for where it is."""
+    attenuation = [] if light.headlight else model.light_attenuation[int(light.id)].tolist()
+    single = (light.type, light.intensity, light.bulbradius, light.range, light.cutoff, light.exponent)
+    return (*np.array(light.diffuse).tolist(), *map(float, single), *attenuation)
+
+
 def _radius(light: Any) -> float:
     return float(light.bulbradius) if light.bulbradius >= 1e-5 else 0.0
 
@@ -78,4 +87,4 @@ def environment_of(mujoco: Any, model: Any, lights: Any) -> Environment | None:
             found.intensity = min(1.0, BRIGHTEST_SKY * 4 * FULL / max(found.flux, 1e-9))
             return found
     ambient = sum((np.array(light.ambient, np.float64) for light in lights), np.zeros(3))
-    return Environment(WHITE * ambient, name="ambient") if ambient.any() else None
+    return Environment(WHITE * ambient, name=AMBIENT) if ambient.any() else None

@@ -19,10 +19,10 @@ from solari_vk.scene.camera import Camera
 from solari_vk.scene.files.gltf.hierarchy import MOST_LEVELS
 from solari_vk.scene.files.libraries import library
 from solari_vk.scene.files.mujoco import geoms
-from solari_vk.scene.files.mujoco.lights import environment_of, light_fields
+from solari_vk.scene.files.mujoco.lights import AMBIENT, environment_of, light_fields, light_numbers
 from solari_vk.scene.files.mujoco.surfaces import Surfaces, is_endless, is_uniform, look_of, upward
 from solari_vk.scene.group import Group, distinct
-from solari_vk.scene.lights.environment import EnvironmentLight
+from solari_vk.scene.lights.environment import Environment, EnvironmentLight
 from solari_vk.scene.lights.light import Light
 from solari_vk.scene.model import Instance, Mesh, Scene
 
@@ -63,6 +63,9 @@ class ModelScene:
         self._surfaces = Surfaces(model, self._cubes)
         self._meshes: dict[Any, Mesh] = {}
         self._lights: dict[str, Light] = {}
+        self._light_fields: dict[str, tuple[tuple[float, ...], dict[str, Any]]] = {}  # as the model last had them
+        self._sky: Environment | None = None  # that was last made of the model
+        self._ambient: tuple[float, ...] | None = None
         self._far = float(model.vis.map.zfar * model.stat.extent)
         self._undrawn: set[str] = set()
         self._names: dict[str, int] = {}
@@ -194,17 +197,32 @@ class ModelScene:
             if made is None:
                 continue
             found.add(name)
-            kind, fields = made
-            if name in self._lights:
-                # A light that moves keeps its brightness.
-                places = {field: fields[field] for field in ("position", "direction") if field in fields}
-                self._lights[name].update(**places)
-            else:
-                self._lights[name] = self.scene.add(kind(**fields, name=name))  # type: ignore[call-arg]
+            self._show_light(name, light_numbers(self.model, light), *made)
         for name in self._lights.keys() - found:
             self.scene.remove(self._lights.pop(name))
-        if self.scene.environment is None:
-            self.scene.environment = environment_of(self.mujoco, self.model, shown)
+        ambient = tuple(sum((np.array(light.ambient, np.float64) for light in shown), np.zeros(3)).tolist())
+        # An environment that the user has set stays, as does one of a picture.
+        is_models = self.scene.environment is self._sky and (self._sky is None or self._sky.name == AMBIENT)
+        if is_models and ambient != self._ambient:
+            self.scene.environment = self._sky = environment_of(self.mujoco, self.model, shown)
+        self._ambient = ambient
+
+    def _show_light(self, name: str, numbers: tuple[float, ...], kind: type[Light], fields: dict[str, Any]) -> None:
+        light = self._lights.get(name)
+        if light is not None and type(light) is not kind:
+            self.scene.remove(light)
+            light = None
+        if light is None:
+            self._lights[name] = self.scene.add(kind(**fields, name=name))  # type: ignore[call-arg]
+            self._light_fields[name] = numbers, fields
+            return
+        # A light that moves keeps its brightness, and one that was edited what the model hasn't changed since.
+        old_numbers, old = self._light_fields[name]
+        changed: dict[str, Any] = {field: fields[field] for field in ("position", "direction") if field in fields}
+        if numbers != old_numbers:
+            changed |= {field: value for field, value in fields.items() if not np.array_equal(value, old[field])}
+            self._light_fields[name] = numbers, fields
+        light.update(**changed)
 
     def _light_name(self, index: int) -> str:
         return self.model.light(index).name or f"light {index}"
