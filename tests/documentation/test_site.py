@@ -58,7 +58,7 @@ def test_search_finds_what_people_look_for(site):
         for word in pages.keys() & set(words):
             pages[word].add(entry["location"].partition("#")[0])
     assert {"reference/scene.html", "guides/coming_from.html", "guides/scenes.html"} <= pages["look_at"]
-    assert {"guides/scenes.html", "guides/batches.html"} <= pages["urdf"]
+    assert {"guides/scenes.html", "guides/robots.html"} <= pages["urdf"]
     assert {"guides/outputs.html", "guides/cameras.html", "start/first_script.html"} <= pages["depth"]
 
 
