@@ -41,7 +41,7 @@ def test_an_unknown_option_is_a_solari_error(name):
         (lambda _: sv.BatchRenderer, "Batch(device, scene, (128, 128), views=16)"),
         (lambda _: sv.Renderer(width=3, height=4), "(device, scene, (width, height))"),
         (lambda scene: sv.Renderer(None, scene, (4, 4), outputs=["display"]), "frame['display']"),
-        (lambda _: sv.Renderer.add_pass, "SceneFrame(device, scene, [Stage("),
+        (lambda _: sv.Renderer.add_pass, "renderer.add_stage(stage, after="),
         (lambda _: sv.Randomizer(), "Randomizer.load('random.yaml', seed=3)"),
         (lambda _: sv.Camera(eye=(0, 1, 2)), "Camera(position=(0, 1, 3), look_at=(0, 0, 0), fov=50)"),
         (lambda _: sv.Camera(position=(0, 1, 2), up=(0, 1, 0)), "look_at=(0, 1, 0), up=(0, 1, 0))"),

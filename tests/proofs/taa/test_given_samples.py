@@ -118,14 +118,7 @@ def measure_not_finite(device):
         yield Measurement(NOT_FINITE, changed, 0.0, f"of {picture.size} pixels", value)
 
 
-MEASURES = (
-    measure_even_light,
-    measure_motion,
-    measure_changes,
-    measure_noise,
-    measure_blended,
-    measure_not_finite,
-)
+MEASURES = (measure_even_light, measure_motion, measure_changes, measure_noise, measure_blended, measure_not_finite)
 
 
 @pytest.mark.parametrize(
