@@ -37,7 +37,8 @@ class Renderer(Hints):
     `lit` is the Scene: change its lights, or `lit.environment`, and the next picture shows it, as it does changes
     of the lights of the model. Depth and segmentation are those of MuJoCo's renderer: meters along the view axis,
     up to its far plane; numbers and types of objects, -1 for none, and transparent geoms count as solid. Raises
-    SolariError where MuJoCo's raises an error. """
+    SolariError where MuJoCo's raises an error.
+    """
 
     def __init__(
         self,
