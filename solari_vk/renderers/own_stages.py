@@ -92,7 +92,8 @@ class OwnStages:
         declared: dict[str, Any] = {}
         for stage in frame.stages:
             declared |= {**stage.buffers, **stage.images}
-        found = {name: _shown_by(name, declared[name], frame, sizes) for name in self.outputs(frame)}
+        names = [name for name in self.outputs(frame) if frame.is_declared(name)]
+        found = {name: _shown_by(name, declared[name], frame, sizes) for name in names}
         return {name: header for name, header in found.items() if header}
 
     def showing(self, header: str) -> OwnStages:
@@ -116,12 +117,17 @@ def _plain(size: Any) -> Any:
     return size.size if isinstance(size, History | IfUsed) else size
 
 
+def _pair(size: Any) -> tuple[Any, ...]:
+    """Width and height of a size in pixels or of threads, () for a number."""
+    return tuple(size[:2]) if isinstance(size, Sequence) else ()
+
+
 def _check_sizes(who: str, stage: Stage, old: set[Size]) -> None:
     """Raise SolariError for a stage that was made for pictures of a size that they no longer have."""
-    declared = {_plain(size) for size in (*stage.buffers.values(), *stage.images.values())}
-    declared |= {one.threads for one in stage.passes if isinstance(one, Pass)}
+    declared = {_pair(_plain(size)) for size in stage.images.values()}
+    declared |= {_pair(one.threads) for one in stage.passes if isinstance(one, Pass)}
     for width, height in old:
-        if declared & {(width, height), width * height}:
+        if (width, height) in declared:
             raise SolariError(
                 f"{who}: stage {stage.name} is made for {width}x{height} pixels, which the picture no longer has: give "
                 "add_stage a function of the size, lambda size: Stage(...)"
@@ -133,14 +139,17 @@ def _shown_by(name: str, declared: Any, frame: Frame, sizes: tuple[Size, ...]) -
     binding = frame.binding(name)
     found = _FORMAT.fullmatch(binding.image_format)
     if found is not None:
+        if _pair(_plain(declared)) not in sizes:
+            return ""
         channels, bits, kind = found.groups()
         letters = "".join(re.findall("[RGBA]", channels)).lower()
         prefix = "" if kind in ("SFLOAT", "UNORM", "SNORM") else kind[0].lower().replace("s", "i")
         lines = [
             f"layout(set = 1, {letters}{bits}{_SUFFIXES[kind]}) uniform readonly {prefix}image2D {name};",
-            f"#define OWN_SIZE uvec2(imageSize({name}))",
+            f"uvec2 own_view_size() {{ return uvec2(imageSize({name})); }}",
         ]
-        return "\n".join([*lines, _color(f"imageLoad({name}, ivec2(at))", len(letters), 4, is_number=bool(prefix))])
+        value = f"imageLoad({name}, ivec2(own_view_pixel))"
+        return "\n".join([*lines, _value(value, len(letters), 4, is_number=bool(prefix))])
     element = binding.element
     size = next((size for size in sizes if size[0] * size[1] == _plain(declared)), None)
     is_plain = element is not None and not element.names and element.base.itemsize == 4 and not binding.element_offset
@@ -151,21 +160,23 @@ def _shown_by(name: str, declared: Any, frame: Frame, sizes: tuple[Size, ...]) -
     lines = [
         f"layout(set = 1, scalar) readonly buffer OwnViewBlock {{ {scalar if count == 1 else vector}"
         f"{'' if count == 1 else count} at[]; }} {name};",
-        f"#define OWN_SIZE uvec2({size[0]}u, {size[1]}u)",
+        f"uvec2 own_view_size() {{ return uvec2({size[0]}u, {size[1]}u); }}",
     ]
     is_number = element.base.kind != "f"
-    return "\n".join([*lines, _color(f"{name}.at[at.y * {size[0]}u + at.x]", count, count, is_number=is_number)])
+    value = f"{name}.at[own_view_pixel.y * {size[0]}u + own_view_pixel.x]"
+    return "\n".join([*lines, _value(value, count, count, is_number=is_number)])
 
 
-def _color(value: str, channels: int, components: int, *, is_number: bool) -> str:
-    """The color of a pixel whose value has so many components, of which the channels count."""
+def _value(value: str, channels: int, components: int, *, is_number: bool) -> str:
+    """The function that returns what a pixel shows, whose value has so many components, of which the channels count."""
     first = value if components == 1 else f"{value}.x"
     if is_number:
-        color = f"show_number(uint({first}))"
+        color = f"uint({first})"
     elif channels == 1:
         color = f"vec3({first})"
     elif channels == 2:
         color = f"vec3({value}{'' if components == 2 else '.xy'}, 0.0)"
     else:
         color = f"vec3({value}.xyz)"
-    return f"#define OWN_COLOR(at) {color}"
+    kind = "uint" if is_number else "vec3"
+    return f"#define OWN_VIEW\n{kind} own_view_value(uvec2 own_view_pixel) {{ return {color}; }}"

@@ -207,7 +207,7 @@ class RendererBase(Hints):
         of the frame. Raises SolariError for a name that is taken or missing, and a CompilationError; the frame then
         stays as it was. The path tracer's picture begins anew. Source: docs/guides/passes.md.
         """
-        taken = {*self.OUTPUTS, *FIRST_HITS, "picture", "image"}
+        taken = {*self.OUTPUTS, *FIRST_HITS, *DEBUG_VIEWS, "image"}
         sizes = self._picture_sizes(self.size)
         self._change_stages(self._own_stages.plus(stage, after, self._frame, sizes, taken))
 
@@ -218,12 +218,14 @@ class RendererBase(Hints):
 
     def _change_stages(self, changed: OwnStages) -> None:
         self._frame.check_open()
-        before = self._own_stages
+        before, stages = self._own_stages, self._frame.stages
         self._own_stages = changed
         try:
             self._rebuild()
         except BaseException:
             self._own_stages = before
+            if self._frame.stages is not stages:  # it failed once the frame had the changed ones
+                self._rebuild()
             raise
 
     @property

@@ -6,7 +6,8 @@ from support.frames import make_renderer
 
 import solari_vk as sv
 from solari_vk.base.errors import CompilationError
-from solari_vk.gpu.frame.frame import History
+from solari_vk.gpu.frame.frame import Draw, DrawList, History
+from solari_vk.renderers.own_stages import OwnStages
 
 SIZE = (24, 16)
 HEAD = """#version 460
@@ -42,6 +43,27 @@ layout(set = 1, scalar) buffer GreenBlock { float at[]; } green;
 void main() {
     uint index = gl_GlobalInvocationID.y * 24 + gl_GlobalInvocationID.x;
     if (index < 24 * 16) { green.at[index] = radiance_mean.at[index].y; }
+}""",
+    "names": """layout(set = 1, r32f) uniform image2D pixel;
+layout(set = 1, r32f) uniform image2D small;
+layout(set = 1, scalar) buffer SizeBlock { uint at[]; } size;
+layout(set = 1, scalar) buffer PcgBlock { uvec2 at[]; } pcg;
+void main() {
+    uvec2 at = gl_GlobalInvocationID.xy;
+    if (at.x >= 24 || at.y >= 16) { return; }
+    imageStore(pixel, ivec2(at), vec4(0.5));
+    imageStore(small, ivec2(at), vec4(0.5));
+    size.at[at.y * 24 + at.x] = 3u;
+    pcg.at[at.y * 24 + at.x] = uvec2(3u);
+}""",
+    "fill": """layout(set = 1, scalar) buffer HistogramBlock { uint at[]; } histogram;
+void main() { histogram.at[gl_GlobalInvocationID.x] = 7u; }""",
+    "triangle": """struct Command { uint vertices; uint instances; uint first_vertex; uint first_instance; };
+layout(set = 1, scalar) buffer CommandsBlock { Command at[]; } commands;
+layout(set = 1, scalar) buffer CommandCountBlock { uint at[1]; } command_count;
+layout(set = 1, r32f) uniform image2D drawn;
+void main() {
+    if (imageSize(drawn).x > 0) { commands.at[0] = Command(3u, 1u, 0u, 0u); command_count.at[0] = 1u; }
 }""",
     "broken": "void main() { missing(); }",
     "orphan": "layout(set = 1, r8) uniform image2D nobody;\nvoid main() { imageStore(nobody, ivec2(0), vec4(0)); }",
@@ -172,6 +194,75 @@ def test_the_path_tracer_has_stages_too(device, folder):
         tracer.remove_stage("mean")
         tracer.resize((12, 8))
         assert tracer.render(samples=1)["radiance"].shape == (8, 12, 3)
+
+
+def test_a_stage_that_draws(device, folder):
+    """Its depth is a result and no view."""
+    vertices = "vec2[](vec2(-1, -1), vec2(-1, 3), vec2(3, -1))[gl_VertexIndex]"
+    (folder / "passes/fan.vert").write_text(f"#version 460\nvoid main() {{ gl_Position = vec4({vertices}, 0.25, 1); }}")
+    fragment = "layout(location = 0) out float color;\nvoid main() { color = 0.5; }"
+    (folder / "passes/fan.frag").write_text(f"#version 460\n{fragment}")
+
+    def fan(size):
+        draw = Draw("fan", [DrawList("commands", "command_count", 1, culls_backs=False)], ["drawn"], "near")
+        buffers, images = {"commands": 1, "command_count": 1}, {"drawn": size, "near": size}
+        return sv.Stage("fan", buffers, images, [sv.Pass("triangle", threads=1), draw], folder)
+
+    with make_renderer(device, sv.builtin("cornell_box"), SIZE) as renderer:
+        renderer.add_stage(fan, after="guides")
+        assert "drawn" in renderer.known_views
+        assert "near" not in renderer.known_views
+        renderer.view = "drawn"
+        frame = renderer.render()
+        assert (frame["drawn"] == 0.5).all()
+        assert (frame["near"] == 0.25).all()
+        np.testing.assert_allclose(frame["display"][..., :3], 127.5, atol=1)
+
+
+def test_views_of_any_name(device, folder):
+    """A picture of another size is none, and the names of the renderer's own views are taken."""
+    pixels = SIZE[0] * SIZE[1]
+    buffers, images = {"size": pixels, "pcg": pixels}, {"pixel": SIZE, "small": (3, 3)}
+    stage = sv.Stage("names", buffers, images, [sv.Pass("names", threads=SIZE)], folder)
+    with make_renderer(device, sv.builtin("cornell_box"), SIZE) as renderer:
+        with pytest.raises(sv.SolariError, match="stage own: the frame has 'motion'"):
+            renderer.add_stage(sv.Stage("own", images={"motion": SIZE}), after="guides")
+        renderer.add_stage(stage, after="guides")
+        assert list(renderer.known_views)[-3:] == ["size", "pcg", "pixel"]
+        shown = []
+        for name in ("size", "pcg", "pixel"):
+            renderer.view = name
+            shown.append(renderer.render()["display"][3, 3])
+        assert (shown[0] == shown[1]).all()
+        assert abs(int(shown[2][0]) - 127) <= 1
+
+
+def test_a_frame_whose_views_fail_has_its_former_stages(device, turn, monkeypatch):
+    with make_renderer(device, sv.builtin("cornell_box"), SIZE) as renderer:
+        names = [one.name for one in renderer.stages]
+        with monkeypatch.context() as patch:
+            patch.setattr(OwnStages, "views", lambda *_: 1 / 0)
+            with pytest.raises(ZeroDivisionError):
+                renderer.add_stage(turn, after="guides")
+        assert [one.name for one in renderer.stages] == names
+        renderer.render()
+
+
+def test_which_stages_are_for_one_size(device, folder):
+    pixels = SIZE[0] * SIZE[1]
+
+    def fill(threads):
+        return sv.Stage("fill", {"histogram": pixels}, passes=[sv.Pass("fill", threads=threads)], glsl_root=folder)
+
+    with make_renderer(device, sv.builtin("cornell_box"), SIZE) as renderer:
+        renderer.add_stage(fill([pixels, 1]), after="guides")
+        renderer.resize((12, 8))
+        assert renderer.render()["histogram"].shape == (pixels,)
+        renderer.remove_stage("fill")
+        renderer.add_stage(fill((12, 8, 1)), after="guides")
+        renderer.resize(SIZE)
+        with pytest.raises(sv.SolariError, match="stage fill is made for 12x8 pixels"):
+            renderer.render()
 
 
 def test_mistakes_leave_the_frame_as_it_was(device, folder, turn):

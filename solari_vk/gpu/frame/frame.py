@@ -225,6 +225,11 @@ class Frame(InParts):
         """Whether there is a resource of this name."""
         return name in self._resources.named(0) or name in self._external
 
+    def is_declared(self, name: str) -> bool:
+        """Whether the shaders declare a resource of this name; those of a Draw don't declare its depth."""
+        assert self._program is not None
+        return name in self._program.interface.bindings
+
     def binding(self, name: str) -> Binding:
         """How the shaders declare a resource: its kind and numpy types. Raises SolariError for an unknown name."""
         assert self._program is not None
