@@ -209,8 +209,9 @@ def main(folder: Path) -> None:
             file = name.replace(" ", "_")
             system.python("-m", "solari_vk", "render", *SCENE, *options, "-o", f"{file}.windows.npy")
             render_here(folder, "render", *SCENE, *options, "-o", f"{file}.linux.npy")
-            wrong += filter(None, [compare(folder, file)])
-            clock.say(f"pictures of the {name} have {'other' if wrong else 'the same'} bits as on Linux")
+            difference = compare(folder, file)
+            wrong += filter(None, [difference])
+            clock.say(f"pictures of the {name} have {'other' if difference else 'the same'} bits as on Linux")
         system.python("-m", "solari_vk", "view", SCENE[0], "--size", "64x48", "--frames", "3", "--no-overlay")
         clock.say("three frames in the viewer's window")
     if wrong:

@@ -8,7 +8,7 @@
 #include "scene/ray_desc.glsl"
 
 // A macro, because GLSL takes the payload's location as a literal.
-#define traceRay(structure, desc, payload) { \
+#define traceRay(structure, desc, payload) do { \
     RayDesc traced = desc; \
     if (ray_query_is_valid(traced) && ray_query_flags_agree(traced.flags)) { \
         traceRayEXT( \
@@ -16,6 +16,6 @@
             traced.t_max, payload \
         ); \
     } \
-}
+} while (false)
 
 #endif

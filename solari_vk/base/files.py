@@ -38,6 +38,7 @@ _IN_USE = (5, 32)
 _IN_USE_SECONDS = 1.0  # that indexers and virus scanners may have a new file open
 _TOO_LONG = (3, 206)  # errors of Windows: no such path, which it also says of long ones, and too long a name
 _LONGEST_PATH = 259  # on Windows, where long paths aren't enabled
+_LONGER = 18  # characters that the name of `_beside` has more
 
 
 @contextmanager
@@ -308,7 +309,7 @@ def cannot_be(done: str, path: Path, error: OSError | RuntimeError) -> SolariErr
     """The error that a file or folder can't be "written" or "made", with the remedy."""
     reason = getattr(error, "strerror", None) or error
     in_windows = getattr(error, "winerror", None)
-    if in_windows in _TOO_LONG and len(os.path.abspath(path)) > _LONGEST_PATH:
+    if in_windows in _TOO_LONG and len(os.path.abspath(path)) + _LONGER > _LONGEST_PATH:
         remedy = "choose a shorter path, or enable long paths in Windows"
     elif in_windows in _IN_USE and path.is_file():
         remedy = "close the program that has it open, make it writable, or choose another name"

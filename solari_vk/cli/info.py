@@ -75,7 +75,12 @@ PARTS = (
     Part("pictures in browsers", "serve", "aiohttp"),
     Part("pictures in terminals", "terminal", "textual_image"),
     Part("several devices and machines", "cluster", "distributed"),
-    Part("passes in Slang", "slang", "slangpy", libraries=("libslang-compiler.so*",)),
+    Part(
+        "passes in Slang",
+        "slang",
+        "slangpy",
+        libraries=("libslang-compiler.so*", "libslang-compiler*.dylib", "slang-compiler*.dll"),
+    ),
 )
 
 

@@ -161,7 +161,8 @@ void main() {
         ({"picture": buffer}, "picture is a storage_image and takes a Image, not <Buffer values"),
         ({"single": image}, r"single takes an \(Image, Sampler\)"),
         ({"single": [(image, device.sampler())] * 2}, "single takes 1 resources, not 2"),
-        ({"world": buffer}, "world takes an acceleration structure, not <Buffer"),
+        ({"world": buffer}, "world takes an acceleration structure, a Tlas, not <Buffer"),
+        ({"world": SimpleNamespace(handle=buffer.handle)}, "world takes an acceleration structure, a Tlas, not namesp"),
         ({"values": gone}, "values: <Buffer gone.* was destroyed"),
     ):
         with pytest.raises(SolariError, match=message):

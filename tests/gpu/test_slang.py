@@ -8,6 +8,7 @@ import pytest
 import solari_vk as sv
 from solari_vk.base.errors import CompilationError
 from solari_vk.gpu.frame.frame import Frame
+from solari_vk.gpu.frame.stages import RayPass
 from solari_vk.gpu.shaders import foreign, slang
 from solari_vk.gpu.shaders.compiler import compile_into_spirv
 from solari_vk.gpu.shaders.shader_cache import Sources
@@ -80,7 +81,7 @@ def doubles(device, folder, **options):
 def test_a_pass_takes_spirv(bound_device, folder):
     """By its bytes, and from a file, which is read again; names, constants and robustness as of GLSL."""
     expected = np.where(np.arange(100) < 90, 2 * np.arange(100), 0)
-    with doubles(bound_device, folder, spirv=spirv_of()) as frame:
+    with doubles(bound_device, folder, spirv=bytearray(spirv_of())) as frame:
         frame.submit()
         np.testing.assert_array_equal(frame["doubled"], expected)
         assert [(row.reads, row.writes) for row in frame.describe()] == [(("inputs",), ("doubled",))]
@@ -111,6 +112,8 @@ def test_a_pass_takes_spirv(bound_device, folder):
 
 
 def test_spirv_that_no_pass_can_run(device, folder):
+    with pytest.raises(sv.SolariError, match="pass rays: spirv is of compute shaders: a RayPass names the files"):
+        RayPass("rays", threads=1, spirv=spirv_of())
     vertex = spirv_of(text="#version 460\nvoid main() { gl_Position = vec4(0); }", stage="vert")
     pushed = DOUBLE.replace("layout(set = 1, binding = 2, scalar) uniform", "layout(push_constant) uniform")
     for spirv, message in (

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from solari_vk.base.errors import SolariError
-from solari_vk.gpu.frame.frame import Frame, Pass, Stage
+from solari_vk.gpu.frame.frame import Frame, History, Pass, Stage
 from solari_vk.gpu.frame.uniforms import Uniforms, packing
 
 ONE = np.dtype([("scale", "f4"), ("place", "f4", (3,)), ("count", "u4")])
@@ -166,6 +166,7 @@ def test_buffers_are_filled_by_name(device, shaders):
         frame["rays"] = rays
         frame["numbers"] = [10, 20, 30]
         frame["points"] = np.array([[1, 2], [3, 4]])  # whole numbers of 64 bits
+        frame["numbers"] = frame["points"] = []
         frame["total"] = np.array((100, 0.5), frame.binding("total").dtype)
         frame.submit()
         assert frame["total"]["sum"] == 100 + 2 + 30 + 4
@@ -178,6 +179,11 @@ def test_buffers_are_filled_by_name(device, shaders):
             ),
             ("numbers", [-1], "numbers: the array has numbers beyond the range of the shader's elements, uint32"),
             ("numbers", np.zeros(5, np.uint32), r"numbers: the buffer has 4 elements, and the .* array is \(5,\)"),
+            (
+                "points",
+                [[1e300, 0]],
+                "points: the array has numbers beyond the range of the shader's elements, float32",
+            ),
             ("numbers", 3, r"numbers: the buffer has 4 elements, and the shape of the array is \(\)"),
             ("points", np.zeros((2, 3)), r"points: the shape of the array is \(2, 3\); .* float32, \(2,\) each"),
             ("points", np.zeros((2, 2), complex), "points: the array is of complex128, and the shader's elements"),
@@ -187,3 +193,26 @@ def test_buffers_are_filled_by_name(device, shaders):
         ):
             with pytest.raises(SolariError, match=message):
                 frame[name] = values
+        with pytest.raises(SolariError, match="total isn't an array"):
+            frame._elements("total")
+
+
+SUMMED = """
+layout(set = 1, scalar) buffer SumsBlock { uint at[]; } sums;
+layout(set = 1, scalar) buffer PreviousSumsBlock { uint at[]; } previous_sums;
+layout(local_size_x = 1) in;
+void main() { sums.at[0] = previous_sums.at[0] + 1u; }
+"""
+
+
+def test_a_history_is_filled_before_any_frame(device, shaders):
+    shaders.write("sums", SUMMED)
+    stage = Stage("sums", {"sums": History(1)}, passes=[Pass("sums", threads=1)])
+    with Frame(device, [stage], glsl_root=shaders.root) as frame:
+        for expected in (11, 21, 31):
+            frame["sums"] = [expected - 1]
+            assert frame["sums"] == expected - 1
+            with pytest.raises(SolariError, match="previous_sums is what the frame before the latest made: fill sums"):
+                frame["previous_sums"] = [1]
+            frame.submit()
+            assert frame["sums"] == expected

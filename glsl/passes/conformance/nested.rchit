@@ -9,7 +9,7 @@ void main() {
     found.hits += 1u;
     if (found.depth > 0u) { return; }
     next = Nested(1u, 0u, 0u);
-    traceRay(tlas, RayDesc(RAY_FLAG_NONE, 0xFFu, 0.0, 9.0, vec3(0.6, 0.3, 1.0), vec3(0.0, 0.0, 1.0)), 1)
+    traceRay(tlas, RayDesc(RAY_FLAG_NONE, 0xFFu, 0.0, 9.0, vec3(0.6, 0.3, 1.0), vec3(0.0, 0.0, 1.0)), 1);
     found.hits += 10u * next.hits;
     found.misses += 10u * next.misses;
 }

@@ -104,8 +104,9 @@ class DescriptorSets:
             return {"descriptorCount": 1, "pBufferInfo": [info]}, info
         if kind == "acceleration_structure":
             handle = getattr(resource, "handle", None)
-            if handle is None or isinstance(resource, (Buffer, Image)):
-                raise SolariError(f"{binding.name} takes an acceleration structure, not {resource!r}")
+            # A Tlas alone is checked before each frame.
+            if handle is None or not hasattr(resource, "check_usable"):
+                raise SolariError(f"{binding.name} takes an acceleration structure, a Tlas, not {resource!r}")
             # Structures come by the pNext chain, unlike buffers and images.
             chain = raw.struct(
                 "VkWriteDescriptorSetAccelerationStructureKHR",

@@ -16,6 +16,8 @@ def converted(name: str, values: Any, dtype: np.dtype[Any], shape: tuple[int, ..
         given = np.asarray(values)
     except (TypeError, ValueError) as error:
         raise SolariError(f"{name}: {quoted(values)} is no array: {error}") from None
+    if shape and given.shape == (0,):
+        return np.empty((0, *shape[1:]), dtype)
     kind = f"{dtype}, {shape[1:]} each" if shape[1:] else f"{dtype}"
     if shape[1:] != given.shape[1:] or (not shape and given.ndim):
         raise SolariError(f"{name}: the shape of the array is {given.shape}; the shader's elements are {kind}")
@@ -28,6 +30,7 @@ def converted(name: str, values: Any, dtype: np.dtype[Any], shape: tuple[int, ..
         raise SolariError(f"{name}: the array is of {given.dtype}, and the shader's elements are {kind}")
     with np.errstate(over="ignore", invalid="ignore"):
         made = given.astype(dtype)
-    if dtype.kind != "f" and (made != given).any():
+    beyond = np.isinf(made) & np.isfinite(given) if dtype.kind == "f" else made != given
+    if beyond.any():
         raise SolariError(f"{name}: the array has numbers beyond the range of the shader's elements, {kind}")
     return np.ascontiguousarray(made)

@@ -30,7 +30,7 @@ from solari_vk.gpu.frame.filling import converted
 from solari_vk.gpu.frame.hazards import plan_barriers
 from solari_vk.gpu.frame.in_parts import InParts
 from solari_vk.gpu.frame.program import Program, ProgramBuilder
-from solari_vk.gpu.frame.resources import Resources
+from solari_vk.gpu.frame.resources import PREVIOUS, Resources
 from solari_vk.gpu.frame.slot import Slot
 from solari_vk.gpu.frame.stages import Aliased, Draw, DrawList, History, HitGroup, IfUsed, Pass, RayPass, Stage, Step
 from solari_vk.gpu.frame.uniforms import Uniforms
@@ -213,9 +213,10 @@ class Frame(InParts):
     # ---- results ------------------------------------------------------------------------------------
 
     def resource(self, name: str) -> Any:
-        """The Buffer, Image or external object of this name in the latest frame, or in the first if there was none. For
-        a buffer that aliases another one it is the whole of that one."""
-        index = (self.frame_count - 1) % SIDES if self.frame_count else 0
+        """The Buffer, Image or external object of this name in the latest frame. Before the first frame it is, of a
+        history, what that frame calls previous_NAME. For a buffer that aliases another one it is the whole of that
+        one."""
+        index = (self.frame_count - 1) % SIDES
         bound = self._resources.named(index) | self._external
         if name not in bound:
             raise SolariError(f"the frame has no resource {name}; there are {', '.join(sorted(bound))}")
@@ -261,6 +262,9 @@ class Frame(InParts):
         """
         resource = self.resource(name)
         binding = self.binding(name)
+        latest = name.removeprefix(PREVIOUS)
+        if latest != name and resource is self._resources.named(self.frame_count % SIDES).get(latest):
+            raise SolariError(f"{name} is what the frame before the latest made: fill {latest}")
         if binding.kind != "storage_buffer" or not isinstance(resource, Buffer | BufferRange):
             raise SolariError(f"{name} is a {binding.kind}: only buffers can be filled; frame.uniforms has uniforms")
         shape: tuple[int, ...] = ()
@@ -269,6 +273,8 @@ class Frame(InParts):
             shape, dtype, offset = self._elements(name)
         assert dtype is not None
         array = converted(name, values, dtype, shape)
+        if not array.size:
+            return
         if isinstance(resource, BufferRange):
             resource.buffer.upload(array, resource.offset + offset)
         else:
@@ -297,9 +303,9 @@ class Frame(InParts):
     def _elements(self, name: str) -> tuple[tuple[int, ...], np.dtype[Any], int]:
         """Of a buffer's runtime array: its shape, the dtype of its values, and the byte offset where it begins."""
         element = self.binding(name).element
-        count = self._resources.element_count(name)
         if element is None:
             raise SolariError(f"{name} isn't an array")
+        count = self._resources.element_count(name)
         if count is None:
             count = (self.resource(name).size - self.binding(name).element_offset) // element.itemsize
         return (count, *element.shape), element.base, self.binding(name).element_offset

@@ -67,6 +67,8 @@ class Pass:
     spirv: bytes | None = field(default=None, repr=False, kw_only=True)
 
     def __post_init__(self) -> None:
+        if isinstance(self.spirv, bytearray | memoryview):
+            object.__setattr__(self, "spirv", bytes(self.spirv))
         if self.spirv is not None and self.header:
             raise SolariError(f"pass {self.name}: a header is text before a shader's own, and SPIR-V has none")
         if (self.threads is None) == (self.indirect is None):
@@ -106,6 +108,13 @@ class RayPass(Pass):
     misses: Sequence[str] = ()
     hits: Sequence[HitGroup] = ()
     max_recursion_depth: int = 1
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.spirv is not None:
+            raise SolariError(
+                f"pass {self.name}: spirv is of compute shaders: a RayPass names the files of its shaders"
+            )
 
 
 @dataclass(frozen=True)
