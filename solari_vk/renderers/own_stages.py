@@ -37,7 +37,7 @@ class OwnStages:
 
     def plus(self, given: Any, after: Any, frame: Frame, sizes: tuple[Size, ...], taken: Container[str]) -> OwnStages:
         """With one more. sizes: of pictures now. taken: names of results. Raises SolariError for what can't be."""
-        stage = _made(self.who, given, sizes[0])
+        stage = made_stage(self.who, given, sizes[0])
         known = [one.name for one in frame.stages]
         if after not in known:
             raise unknown_name(f"{self.who}.add_stage: there is no stage", after, known)
@@ -66,7 +66,7 @@ class OwnStages:
             if one.after not in names:
                 what = f"{self.who}: with these settings stage {one.name} has no place: there is no stage"
                 raise unknown_name(f"{what} to follow,", one.after, names)
-            stage = _made(self.who, one.given, sizes[0])
+            stage = made_stage(self.who, one.given, sizes[0])
             if stage.name != one.name:
                 raise SolariError(f"{self.who}: stage {one.name} must keep its name, which is now {stage.name}")
             if isinstance(one.given, Stage):
@@ -101,7 +101,8 @@ class OwnStages:
         return dataclasses.replace(self, shown=Pass(_SHADER, threads=1, header=header) if header else None)
 
 
-def _made(who: str, given: Any, size: Size) -> Stage:
+def made_stage(who: str, given: Any, size: Size) -> Stage:
+    """What `add_stage` was given, for pictures of a size. Raises SolariError if that is no Stage."""
     stage = given(size) if callable(given) else given
     if not isinstance(stage, Stage):
         raise SolariError(

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from solari_vk.base.errors import SolariError, quoted, unknown_name
+from solari_vk.base.errors import SolariError, is_name, quoted, unknown_name
 from solari_vk.bound.binder import SceneBinder
 from solari_vk.gpu.device.device import Device
 from solari_vk.output.tone_mapping import TONEMAPS
@@ -214,7 +214,8 @@ class Screen:
             case "mode":
                 self.mode = _one_of("mode", value, MODES)
             case "view":
-                check_view(value, settings.lighting)
+                if not is_name(value, pictures.known_views):
+                    check_view(value, settings.lighting)
                 pictures.view = value
             case "tonemap":
                 pictures.tonemap = _one_of("tone mapping", value, TONEMAPS)

@@ -256,4 +256,5 @@ def act(session: Session, name: str, argument: Any = None) -> Any:
 
 
 def _next(names: tuple[str, ...], current: str, step: int = 1) -> str:
-    return names[(names.index(current) + step) % len(names)]
+    at = names.index(current) if current in names else 0
+    return names[(at + step) % len(names)]

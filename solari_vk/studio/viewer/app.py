@@ -142,6 +142,10 @@ class Viewer(Session):
         made = stage(self.window.pixels) if callable(stage) else stage
         self.sources.watch(folders(made.glsl_root))
 
+    def remove_stage(self, name: str) -> None:
+        """Remove a stage of your own. Raises SolariError for any other name."""
+        self.pictures.remove_stage(name)
+
     def _open_overlay(self) -> Any:
         try:
             from solari_vk.studio.viewer.overlay import Overlay

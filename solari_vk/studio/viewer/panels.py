@@ -72,7 +72,7 @@ class Panels:
         known = pictures.known_views
         pictures.view = choose("view", pictures.view, tuple(known))
         limited = ", of realtime pictures alone" if pictures.mode == "reference" else ""
-        hint(known[pictures.view] + limited)
+        hint(known.get(pictures.view, "") + limited)
         pictures.tonemap = choose("tone mapping", pictures.tonemap, TONEMAPS)
         camera = session.camera
         changed, value = imgui.slider_float("EV100", camera.ev100, -10, 20)

@@ -9,14 +9,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from solari_vk.base.errors import SolariError, quoted
+from solari_vk.base.errors import SolariError, quoted, unknown_name
 from solari_vk.bound.binder import SceneBinder
 from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.device.image import Image
 from solari_vk.output.tone_mapping import TONEMAPS
 from solari_vk.passes.debug_views import DEBUG_VIEWS, PICTURE, views_of
 from solari_vk.passes.reference import MAX_SAMPLES
-from solari_vk.renderers.own_stages import AnyStage
+from solari_vk.renderers.own_stages import AnyStage, made_stage
 from solari_vk.renderers.path_tracer import PathTracer
 from solari_vk.renderers.renderer import Renderer
 from solari_vk.scene.model import Camera, Scene
@@ -105,11 +105,40 @@ class Pictures:
         made = {} if self.realtime is None else self.realtime.known_views
         return known | {name: meaning for name, meaning in made.items() if name not in DEBUG_VIEWS}
 
+    @property
+    def debug_view(self) -> str:
+        """The view, or "picture" while it is an output of the user's stages, which commands and scripts lack."""
+        return self.view if self.view in DEBUG_VIEWS else PICTURE
+
     def add_stage(self, stage: AnyStage, after: str) -> None:
-        """Add a stage of the user's to the realtime renderer's frame, as `Renderer.add_stage` does."""
+        """Add a stage of the user's to the realtime renderer's frame, as `Renderer.add_stage` does. Before that is
+        made, mistakes are found with it: the frame then raises their SolariError, and goes on without the stage."""
+        made_stage("Viewer", stage, METERING_SIZE)
         if self.realtime is not None:
             self.realtime.add_stage(stage, after=after)
         self.own_stages.append((stage, after))
+
+    def remove_stage(self, name: str) -> None:
+        """Remove a stage of the user's. Raises SolariError for any other name."""
+        names = [made_stage("Viewer", stage, METERING_SIZE).name for stage, _ in self.own_stages]
+        if name not in names:
+            raise unknown_name("Viewer.remove_stage: there is no stage of your own", name, names)
+        if self.realtime is not None:
+            self.realtime.remove_stage(name)
+        del self.own_stages[names.index(name)]
+        if self.view not in self.known_views:
+            self.view = PICTURE
+
+    def _add_own_stages(self, renderer: Renderer) -> None:
+        """Raises SolariError for one that fails; a first renderer is then made without it."""
+        for stage, after in self.own_stages:
+            try:
+                renderer.add_stage(stage, after=after)
+            except SolariError:
+                if self.realtime is None:
+                    self.own_stages = [one for one in self.own_stages if one[0] is not stage]
+                    self.view = self.debug_view
+                raise
 
     @property
     def mode(self) -> str:
@@ -176,7 +205,8 @@ class Pictures:
         self.camera = dataclasses.replace(camera)
 
     def _check_choices(self) -> None:
-        if self.view not in self.known_views or self.tonemap not in TONEMAPS:
+        may_come = self.realtime is None and bool(self.own_stages)  # the outputs that are views are known later
+        if not (may_come or self.view in self.known_views) or self.tonemap not in TONEMAPS:
             raise SolariError(f"the viewer has no view {quoted(self.view)} or no tone mapping {quoted(self.tonemap)}")
 
     def _has_moved(self, camera: Camera) -> bool:
@@ -247,8 +277,7 @@ class Pictures:
                 self.device, self.binder, build.realtime, settings, seed=self.seed, count_rays=build.counts_rays
             )
             try:
-                for stage, after in self.own_stages:
-                    made.add_stage(stage, after=after)
+                self._add_own_stages(made)
             except BaseException:
                 made.close()
                 raise

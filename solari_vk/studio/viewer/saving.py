@@ -157,7 +157,7 @@ def _realtime_lines(session: Session, will_change: bool) -> list[str]:
     return [
         f"    settings = sv.Settings({', '.join(settings)})",
         f"    renderer = sv.Renderer(device, scene, {_size_and_seed(session, will_change)}, settings=settings)",
-        f"    renderer.view, renderer.tonemap = {pictures.view!r}, {pictures.tonemap!r}",
+        f"    renderer.view, renderer.tonemap = {pictures.debug_view!r}, {pictures.tonemap!r}",
         f"    for _ in range({frames}):",
         "        frame = renderer.render(camera)",
     ]

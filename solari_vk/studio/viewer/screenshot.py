@@ -118,7 +118,7 @@ def command_line(session: Session, output: Path) -> str:
         return shlex.join([*words, "--mode", "reference", "--samples", str(pictures.reference.tracer.samples)])
     assert pictures.realtime is not None
     # The last frame is the picture, and those before it are its history.
-    words += ["--warm-up", str(pictures.realtime.frame_count - 1), "--frames", "1", "--view", pictures.view]
+    words += ["--warm-up", str(pictures.realtime.frame_count - 1), "--frames", "1", "--view", pictures.debug_view]
     for name, default in DEFAULTS.items():
         value = pictures.upscale if name == "upscale" else getattr(session.settings, name)
         if value != default:

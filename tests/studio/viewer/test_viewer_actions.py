@@ -274,6 +274,34 @@ def test_outputs_of_the_users_stages_are_views(open_viewer, tmp_path):
     assert viewer.pictures.view == "picture"
     with pytest.raises(sv.SolariError, match="the frame has a stage 'ones'"):
         viewer.add_stage(ones, after="gbuffer")
+    viewer.pictures.view = "ones"
+    assert viewer.pictures.debug_view == "picture"
+    with pytest.raises(sv.SolariError, match="there is no stage of your own 'one'; did you mean 'ones'"):
+        viewer.remove_stage("one")
+    viewer.remove_stage("ones")
+    assert (viewer.pictures.view, "ones" in viewer.pictures.known_views) == ("picture", False)
+    viewer.run(frames=1)
+
+
+def test_stages_that_are_added_before_the_first_frame(device, tmp_path):
+    """Their views may be chosen then; one that fails is reported once."""
+    shown, camera = pictures.Pictures(device, sv.builtin("cornell_box"), sv.Settings()), sv.Camera()
+    with pytest.raises(sv.SolariError, match=r"Viewer\.add_stage: takes a Stage, or a function .* not 'edges'"):
+        shown.add_stage("edges", "gbuffer")
+    (tmp_path / "passes").mkdir()
+    text = "#version 460\nlayout(set = 1, r8) uniform image2D dots;\nlayout(local_size_x = 8, local_size_y = 8) in;\n"
+    (tmp_path / "passes/dots.comp").write_text(text + "void main() { imageStore(dots, ivec2(0), vec4(1.0)); }\n")
+    dots = sv.Stage("dots", images={"dots": (8, 8)}, passes=[sv.Pass("dots", threads=(8, 8))], glsl_root=tmp_path)
+    shown.add_stage(dots, "gbuffer")
+    shown.add_stage(sv.Stage("late"), "nowhere")
+    shown.view = "dots"
+    with pytest.raises(sv.SolariError, match="there is no stage 'nowhere'"):
+        shown.render(camera, (8, 8))
+    shown.view = "dots"
+    shown.render(camera, (8, 8))
+    assert shown.realtime.view == "dots"
+    assert (shown.realtime["display"][0, 0, :3] == 255).all()
+    shown.close()
 
 
 # ---- screenshots ------------------------------------------------------------------------------------
