@@ -36,11 +36,17 @@ PICTURES = {
 # No program of Wine that shows windows of its own, or asks whether to install parts.
 WITHOUT = "mscoree,mshtml,winemenubuilder.exe,winedbg.exe=d"
 
+MOST_SECONDS = 3600.0  # that a command may take; the tests take longest
+
 
 def run(*command: str | Path, **options: object) -> str:
     """What a command prints; what it printed goes to the user, and the script ends, where it fails."""
     given = {"stdin": subprocess.DEVNULL, "stdout": subprocess.PIPE, "stderr": subprocess.STDOUT, **options}
-    done = subprocess.run(list(map(str, command)), encoding="utf-8", errors="replace", check=False, **given)
+    given.setdefault("timeout", MOST_SECONDS)
+    try:
+        done = subprocess.run(list(map(str, command)), encoding="utf-8", errors="replace", check=False, **given)
+    except subprocess.TimeoutExpired:
+        sys.exit(f"windows: took longer than {given['timeout']:.0f} s: {' '.join(map(str, command))}")
     if done.returncode:
         sys.exit(f"{done.stdout}\nwindows: failed with {done.returncode}: {' '.join(map(str, command))}")
     return str(done.stdout)

@@ -30,7 +30,7 @@
 layout(primitive_culling);  // SKIP_TRIANGLES and SKIP_AABBS need it; every device with ray queries supports it
 
 struct RayIntersection {
-    uint kind;  // RAY_QUERY_INTERSECTION_NONE: the other fields are undefined
+    uint kind;  // RAY_QUERY_INTERSECTION_NONE: the other fields are zero
     float t;    // 0 for a candidate box
     uint instance_custom_data;
     uint instance_index;

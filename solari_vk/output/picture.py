@@ -141,6 +141,9 @@ def _check_layers(target: Path, picture: Colors, layers: Mapping[str, NDArray[An
             raise SolariError(f"{target}: the picture itself has the name '{name}' there: call the layer otherwise")
         if layer.shape[:2] != picture.shape[:2] or layer.ndim not in (2, 3) or layer.shape[2:] > (4,):
             raise SolariError(f"{target}: layer '{name}' has the shape {layer.shape}, the picture {picture.shape}")
+        if layer.dtype.names and target.suffix.lower() == ".exr":
+            fields = ", ".join(layer.dtype.names)
+            raise SolariError(f"{target}: layer '{name}' has records, of {fields}: .npz and .npy files take them")
 
 
 def check_alpha(path: Path) -> None:

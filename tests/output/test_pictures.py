@@ -224,3 +224,11 @@ def test_refused_videos(tmp_path, monkeypatch, arguments, message):
     with pytest.raises(SolariError, match=message):
         sv.save_video(*arguments)
     assert not list(tmp_path.iterdir())
+
+
+def test_records_are_no_channels(tmp_path):
+    layer = np.zeros((2, 3), [("id", "u4"), ("depth", "f4")])
+    with pytest.raises(SolariError, match=r"a\.exr: layer 'found' has records, of id, depth: .npz and .npy files take"):
+        save_image(tmp_path / "a.exr", np.zeros((2, 3, 3), np.float32), layers={"found": layer})
+    save_image(tmp_path / "a.npz", np.zeros((2, 3, 3), np.float32), layers={"found": layer})
+    assert np.load(tmp_path / "a.npz")["found"].dtype == layer.dtype
