@@ -208,8 +208,7 @@ class RendererBase(Hints):
         stays as it was. The path tracer's picture begins anew. Source: docs/guides/passes.md.
         """
         taken = {*self.OUTPUTS, *FIRST_HITS, *DEBUG_VIEWS, "image"}
-        sizes = self._picture_sizes(self.size)
-        self._change_stages(self._own_stages.plus(stage, after, self._frame, sizes, taken))
+        self._change_stages(self._own_stages.plus(stage, after, self._frame, self._picture_sizes(self.size), taken))
 
     @checked_keywords()
     def remove_stage(self, name: str) -> None:
@@ -275,8 +274,7 @@ class RendererBase(Hints):
 
     @property
     def uniforms(self) -> Uniforms:
-        """The uniform blocks of the frame's shaders. Those of stages of your own keep what you assign; the others are
-        written before each frame."""
+        """The frame's uniform blocks. Those of your own stages keep what you assign, the others are written anew."""
         return self._frame.uniforms
 
     def describe(self) -> list[Row]:

@@ -1,6 +1,6 @@
 // Draws an output of a stage of the user's own over the picture: gray for one number, colors for two and more, and a
-// color for each integer. solari_vk/renderers/own_stages.py declares the output in a header, with functions for its size
-// and for what a pixel has.
+// color for each integer. solari_vk/renderers/own_stages.py declares the output in a header, with functions for its
+// size and for what a pixel has.
 #version 460
 #extension GL_EXT_scalar_block_layout : require
 
