@@ -15,7 +15,7 @@ from solari_vk.batch import batch as batches
 from solari_vk.gpu.acceleration.checks import whole_number
 from solari_vk.gpu.device.device import Device
 from solari_vk.robots.poses import on_device, scene_poses
-from solari_vk.scene.files.mujoco.model_scene import ModelScene, model_scene
+from solari_vk.scene.files.mujoco.model_scene import ModelScene, check_data, model_scene
 from solari_vk.scene.model import Camera, Instance, Scene
 
 KINDS = {"geom": "mjOBJ_GEOM", "site": "mjOBJ_SITE"}
@@ -58,6 +58,10 @@ class Batch(Hints):
         self.cameras: list[Camera] = [self.scene.cameras[number] for number in self._numbers] or [self.scene.camera]
         """The cameras of a world, in the model's initial state."""
         self._moving = _moving_instances(shown)
+        self._mujoco = shown.mujoco
+        self._lens = np.tile([_lens(camera, width, height) for camera in self.cameras], (self.worlds, 1, 1))
+        if not len(self.scene):
+            raise SolariError("mujoco.Batch: the model has no geoms that are shown: give it some, in groups 0 to 2")
         self._owned = ExitStack()
         try:
             self._device = self._owned.enter_context(Device()) if device is None else device
@@ -66,11 +70,10 @@ class Batch(Hints):
             self.batch = self._owned.enter_context(
                 batches.Batch(self._device, self.scene, (width, height), views, **kind)
             )
+            self.segmentation_table = self._segmentation_table(shown)
         except BaseException:
             self._owned.close()
             raise
-        self._lens = np.tile([_lens(camera, width, height) for camera in self.cameras], (self.worlds, 1, 1))
-        self.segmentation_table = self._segmentation_table(shown)
         """(M, 2): the number and the mjtObj of the object with each "instance_id"; the last row, -1, is the
         background's."""
 
@@ -84,12 +87,16 @@ class Batch(Hints):
     def render(self, data: Any, **options: Any) -> Self:
         """Render all views of N states, and return this batch.
 
-        data: a list of N MjData, or an object or a dict with `geom_xpos` (N, geoms, 3) and `geom_xmat` (N, geoms, 3, 3)
-        or (N, geoms, 9), and for cameras `cam_xpos` and `cam_xmat`, such as the Data of MuJoCo Warp or of MJX; sites
-        move where it has `site_xpos` and `site_xmat`. Arrays of Warp, and others on a GPU where Warp is installed, stay
-        on it. options: samples, seeds, reset and reset_cache of `sv.Batch.render`. Raises SolariError for states that
-        don't fit the model, and as `sv.Batch.render`.
+        data: a list of N MjData, a single one for one world, or an object or a dict with `geom_xpos` (N, geoms, 3) and
+        `geom_xmat` (N, geoms, 3, 3) or (N, geoms, 9), and for cameras `cam_xpos` and `cam_xmat`, such as the Data of
+        MuJoCo Warp or of MJX; sites move where it has `site_xpos` and `site_xmat`, and geoms of the world body never.
+        Arrays of Warp, and others on a GPU where Warp is installed, stay on it, and are float32. options: samples,
+        seeds, reset and reset_cache of `sv.Batch.render`. Raises SolariError for states that don't fit the model, and
+        as `sv.Batch.render`.
         """
+        data = [data] if isinstance(data, self._mujoco.MjData) else data
+        for state in data if isinstance(data, (list, tuple)) else ():
+            check_data(self._mujoco, self.model, state)
         for kind, (instances, numbers) in self._moving.items():
             found = self._poses(data, kind, numbers)
             if found is not None:
@@ -117,6 +124,12 @@ class Batch(Hints):
             raise SolariError(
                 f"mujoco.Batch.render: {kind}_xpos has the shape {shape}, where {self.worlds} worlds of the model have "
                 f"({self.worlds}, {count}, 3)"
+            )
+        turns = tuple(axes.shape)
+        if turns not in ((*shape[:2], 3, 3), (*shape[:2], 9), shape[:2]) or on_device(axes) != on_device(places):
+            raise SolariError(
+                f"mujoco.Batch.render: {kind}_xmat has the shape {turns}, where the model has ({self.worlds}, {count}, "
+                f"3, 3) beside {kind}_xpos"
             )
         if on_device(places):
             return scene_poses(places, axes, numbers)
@@ -176,11 +189,9 @@ def _camera_numbers(shown: ModelScene, cameras: Sequence[str | int] | None) -> l
 
 
 def _moving_instances(shown: ModelScene) -> dict[str, tuple[list[Instance], list[int]]]:
-    """By kind the instances of geoms and sites that can move, and their numbers. What has no poses is removed."""
+    """By kind the instances of geoms and sites of bodies other than the world, and their numbers. What has no poses is
+    removed."""
     mujoco, model = shown.mujoco, shown.model
-    moves = np.zeros(model.nbody, bool)
-    for body in range(1, model.nbody):
-        moves[body] = moves[model.body_parentid[body]] or model.body_jntnum[body] > 0 or model.body_mocapid[body] >= 0
     owners = {int(getattr(mujoco.mjtObj, name)): kind for kind, name in KINDS.items()}
     found: dict[str, tuple[list[Instance], list[int]]] = {kind: ([], []) for kind in KINDS}
     left_out = []
@@ -188,7 +199,7 @@ def _moving_instances(shown: ModelScene) -> dict[str, tuple[list[Instance], list
         kind = owners.get(owner)
         if kind is None:
             left_out.append(instance)
-        elif moves[getattr(model, f"{kind}_bodyid")[number]]:
+        elif getattr(model, f"{kind}_bodyid")[number]:  # bodies without joints too: worlds may have their own poses
             found[kind][0].append(instance)
             found[kind][1].append(number)
     for instance in left_out:
@@ -200,8 +211,14 @@ def _moving_instances(shown: ModelScene) -> dict[str, tuple[list[Instance], list
 
 def _field(data: Any, name: str) -> Any:
     if isinstance(data, (list, tuple)):
-        return np.stack([getattr(one, name) for one in data])
-    return data.get(name) if isinstance(data, dict) else getattr(data, name, None)
+        return np.array([getattr(one, name) for one in data])
+    found = data.get(name) if isinstance(data, dict) else getattr(data, name, None)
+    if found is None or on_device(found):
+        return found
+    try:
+        return np.asarray(found, np.float64)
+    except (TypeError, ValueError):
+        raise SolariError(f"mujoco.Batch.render: {name} isn't an array of numbers") from None
 
 
 def _lens(camera: Camera, width: int, height: int) -> NDArray[np.float64]:

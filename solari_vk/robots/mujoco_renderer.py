@@ -34,10 +34,10 @@ class Renderer(Hints):
     call; "reference" traces `samples` paths a pixel. seed: of its random numbers. ev100, tonemap: the exposure and the
     tone curve of pictures, by default none, so that a color which is lit by 1 is shown as the file has it.
 
-    `lit` is the Scene: change its lights, or `lit.environment`, and the next picture shows it, as it does changes
-    of the lights of the model. Depth and segmentation are those of MuJoCo's renderer: meters along the view axis,
-    up to its far plane; numbers and types of objects, -1 for none, and transparent geoms count as solid. Raises
-    SolariError where MuJoCo's raises an error.
+    `lit` is the Scene: change its lights, or `lit.environment`, and the next picture shows it, as it does changes of
+    the lights of the model. Depth and segmentation are those of MuJoCo's renderer: meters along the view axis, up to
+    its far plane; numbers and types of objects, -1 for none, and transparent geoms count as solid. Raises SolariError
+    for what is no MjModel, and where MuJoCo's raises an error.
     """
 
     def __init__(

@@ -50,10 +50,14 @@ def _array(wp: Any, values: Any, dtype: Any) -> Any:
     """An array of Warp (N, all) of vectors or matrices, in the memory of `values`."""
     if not isinstance(values, wp.array):
         values = wp.array(values, copy=False)
-    if values.dtype != dtype:
-        rows = values.shape[:2]
-        values = wp.array(ptr=values.contiguous().ptr, shape=rows, dtype=dtype, device=values.device, copy=False)
-    return values
+    if values.dtype == dtype:
+        return values
+    if values.dtype != wp.float32:
+        raise SolariError(f"poses on a GPU are float32, not {values.dtype.__name__}: turn them into such")
+    flat = values.contiguous()
+    found = wp.array(ptr=flat.ptr, shape=values.shape[:2], dtype=dtype, device=values.device, copy=False)
+    found.memory_of = flat  # lives as long
+    return found
 
 
 @cache

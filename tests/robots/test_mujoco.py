@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 import solari_vk as sv
+from solari_vk.robots import poses
 
 mujoco = pytest.importorskip("mujoco")
 
@@ -228,6 +229,62 @@ def test_arrays_of_warp_are_turned_where_they_are(device, state, worlds):
     finite = np.isfinite(expected)
     assert (finite == np.isfinite(found)).mean() > 0.999
     assert np.median(np.abs(found - expected)[finite & np.isfinite(found)]) < 1e-4
+
+
+def test_poses_of_warp_keep_their_memory():
+    """Of numbers that aren't contiguous, which are copied first; and nothing but float32."""
+    wp = pytest.importorskip("warp")
+    values = np.random.default_rng(1).normal(size=(2, 50, 3)).astype(np.float32)
+    parts = wp.array(np.repeat(values, 2, axis=1), dtype=wp.float32, device="cpu")[:, ::2]
+    turns = wp.array(np.tile(np.eye(3, dtype=np.float32).ravel(), (2, 50, 1)), dtype=wp.float32, device="cpu")
+    found = poses._array(wp, parts, wp.vec3f)
+    for _ in range(100):  # what would take freed memory
+        wp.array(np.zeros((2, 50, 3), np.float32), device="cpu")
+    np.testing.assert_array_equal(found.numpy(), values)
+    assert found.memory_of is not parts
+    moved = poses.scene_poses(parts, turns, [3]).numpy()
+    np.testing.assert_allclose(moved[:, 0, :3, 3], values[:, 3] @ poses.UP.T)
+    with pytest.raises(sv.SolariError, match="float32, not float64"):
+        poses.scene_poses(wp.array(values, dtype=wp.float64, device="cpu"), turns, [3])
+
+
+def test_bodies_without_joints_move_with_their_world(device):
+    model = mujoco.MjModel.from_xml_string('<mujoco><worldbody><body><geom size=".2"/></body></worldbody></mujoco>')
+    places = np.array([(0, 0, 0.0), (0, 0, 3)]).reshape(2, 1, 3)
+    given = {"geom_xpos": places, "geom_xmat": np.tile(np.eye(3), (2, 1, 1, 1))}
+    with sv.mujoco.Batch(model, 2, 8, 8, renderer="labels", outputs=("depth",), device=device) as batch:
+        depth = batch.render(given)["depth"]
+    assert np.isfinite(depth[0]).any()
+    assert not np.isfinite(depth[1]).any()
+
+
+def test_wrong_models_and_states_get_one_line(device, state):
+    model, data = state
+    for wrong in (None, "robot.xml", mujoco.MjSpec()):
+        for make in (sv.mujoco.scene, sv.mujoco.Renderer, lambda one: sv.mujoco.Batch(one, 2)):
+            with pytest.raises(sv.SolariError, match="the model is an MjModel, not"):
+                make(wrong)
+    other = mujoco.MjModel.from_xml_string("<mujoco/>")
+    with pytest.raises(sv.SolariError, match="no geoms that are shown"):
+        sv.mujoco.Batch(other, 1, device=device)
+    with pytest.raises(sv.SolariError, match="another model"):
+        sv.mujoco.scene(model, mujoco.MjData(other))
+    with pytest.raises(sv.SolariError, match="mj_forward"):
+        sv.mujoco.scene(model, mujoco.MjData(model))
+    arrays = {"geom_xpos": data.geom_xpos[None], "geom_xmat": data.geom_xmat[None]}
+    options = {"renderer": "labels", "outputs": ("depth",), "device": device, "cameras": ["front"]}
+    with sv.mujoco.Batch(model, 1, 8, 8, **options) as batch:
+        for wrong, message in (
+            ([1], "an MjData, not int"),
+            (arrays | {"geom_xmat": np.zeros((1, 8, 4))}, "geom_xmat has the shape"),
+            (arrays | {"geom_xpos": [[1], [2, 3]]}, "geom_xpos isn't an array of numbers"),
+        ):
+            with pytest.raises(sv.SolariError, match=message):
+                batch.render(wrong)
+        alone = batch.render(data)["depth"]
+        np.testing.assert_array_equal(alone, batch.render([data])["depth"])
+        nested = {name: values.tolist() for name, values in arrays.items()}
+        np.testing.assert_array_equal(alone, batch.render(nested)["depth"])
 
 
 def test_worlds_are_lit(device, state, worlds):

@@ -49,11 +49,28 @@ def pose(position: Any, axes: Any) -> NDArray[np.float64]:
     return matrix
 
 
+def check_data(mujoco: Any, model: Any, data: Any) -> None:
+    """Raise SolariError unless data is an MjData of a model, with poses."""
+    if not isinstance(data, mujoco.MjData):
+        raise SolariError(
+            f"mujoco: a state is an MjData, not {type(data).__name__}: give MjData(model) after mj_forward"
+        )
+    if (data.qpos.shape[0], data.geom_xpos.shape[0]) != (model.nq, model.ngeom):
+        raise SolariError("mujoco: the MjData is that of another model: make it by MjData(model)")
+    if not data.xmat[0].any():
+        raise SolariError("mujoco: the MjData has no poses yet: call mujoco.mj_forward(model, data) before")
+
+
 class ModelScene:
     """The scene of a model. `scene` has an instance for each geom that MuJoCo shows; `update` moves it."""
 
     def __init__(self, model: Any, name: str = "", *, most_geoms: int | None = None) -> None:
         self.mujoco = mujoco = import_mujoco("a model of MuJoCo")
+        if not isinstance(model, mujoco.MjModel):
+            raise SolariError(
+                f"mujoco: the model is an MjModel, not {type(model).__name__}: make it by MjModel.from_xml_path, or by "
+                "the compile of an MjSpec"
+            )
         self.model = model
         self.scene = Scene(name=name)
         self.instances: dict[Key, Instance] = {}
@@ -84,6 +101,7 @@ class ModelScene:
         """Have MuJoCo list what is shown in `visual`: of a state, MjData, seen by an MjvCamera, with an MjvOption; by
         default the free camera and MuJoCo's own options."""
         mujoco = self.mujoco
+        check_data(mujoco, self.model, data)
         if camera is None:
             camera = mujoco.MjvCamera()
             mujoco.mjv_defaultFreeCamera(self.model, camera)
@@ -367,6 +385,7 @@ def model_scene(
         # What poses depend on, and nothing of what moves them.
         for step in (mujoco.mj_kinematics, mujoco.mj_comPos, mujoco.mj_camlight, mujoco.mj_flex, mujoco.mj_tendon):
             step(model, data)
+    check_data(mujoco, model, data)
     if not (np.isfinite(data.xpos).all() and np.isfinite(data.geom_xpos).all()):
         raise SolariError(f"{who or 'a model of MuJoCo'}: has poses that aren't finite: mend the numbers of its bodies")
     made.update(data, fixed_camera(mujoco, 0) if model.ncam else None)
