@@ -399,6 +399,8 @@ def test_what_mujocos_compiler_raises_gets_one_line():
         (('rgba="0 0 1 1"', 'rgba="blue"'), "bad format in attribute .rgba"),
         (('<box size="2 4 1"/>', ""), "no <geometry>"),
         (("<robot", "<model"), "no URDF"),
+        (('box size="2 4 1"', 'box size="${w} 4 1"'), "expand it first"),
+        (('filename="package://pack/meshes/tip.obj"', ""), "the mesh of link 'b' has no filename"),
     ],
 )
 def test_bad_urdf_gets_one_line(package, change, message):
@@ -407,6 +409,26 @@ def test_bad_urdf_gets_one_line(package, change, message):
     with pytest.raises(sv.SolariError, match=message) as caught:
         sv.load(package)
     assert "\n" not in str(caught.value)
+
+
+def test_urdf_with_what_robots_have(package):
+    """A texture that is missing is left out, and said, unless strict; a floating joint keeps its initial pose; a file
+    without meshes leaves nothing."""
+    textured = '<material name="m"><texture filename="none.png"/></material></visual>'
+    text = URDF.replace('<material name="blue"/></visual>', textured).replace("revolute", "floating")
+    package.write_text(text)
+    scene = sv.load(package)
+    assert "no file 'none.png'" in scene.warnings[0]
+    assert len(scene) == 3
+    tip = next(one for one in scene if one.material.name == "red")
+    assert tip.transform[1, 3] == pytest.approx(1.5)
+    with pytest.raises(sv.SolariError, match=r"none\.png"):
+        sv.load(package, strict=True)
+    sv.Scene().save(package.parent.parent / "meshes/tip.glb")
+    package.write_text(URDF.replace("tip.obj", "tip.glb"))
+    scene = sv.load(package)
+    assert len(scene) == 2
+    assert len(scene.groups["b"]) == 1
 
 
 def test_folders_above_are_packages_by_what_they_have(package):

@@ -34,6 +34,7 @@ def urdf_scene(path: Path, folder: Any, mujoco: Any, *, strict: bool) -> Scene:
     robot = read_xml(path)
     if robot.tag != "robot":
         raise SolariError(f"{path}: is no URDF, whose XML begins with <robot>, but <{quoted(robot.tag)}>")
+    _refuse_xacro(robot, path)
     allowed = Folder(path, folder)
     materials = {str(one.get("name")): one for one in robot.iter("material") if len(one)}
     visuals = {str(link.get("name")): link.findall("visual") for link in robot.findall("link")}
@@ -53,6 +54,15 @@ def urdf_scene(path: Path, folder: Any, mujoco: Any, *, strict: bool) -> Scene:
     return made.scene
 
 
+def _refuse_xacro(robot: Element, path: Path) -> None:
+    for element in robot.iter():
+        texts = [str(element.tag), *(f"={value}" for value in element.attrib.values())]
+        if "xacro}" in texts[0] or any("${" in text or "=$(" in text for text in texts):
+            raise SolariError(
+                f"{path}: is written for xacro: expand it first, by xacro {quoted(path.name)} > robot.urdf"
+            )
+
+
 def _for_mujoco(robot: Element, who: str) -> str:
     """The file's links, joints and simple shapes."""
     copy = Element("robot", {"name": str(robot.get("name") or "robot")})
@@ -63,6 +73,9 @@ def _for_mujoco(robot: Element, who: str) -> str:
         for child in list(parent):
             if child.tag in _DROPPED:
                 parent.remove(child)
+    for joint in copy.findall("joint"):
+        if joint.get("type") == "floating":  # which MuJoCo has below the world alone; its initial pose is the same
+            joint.set("type", "fixed")
     for visual in copy.iter("visual"):
         geometry = visual.find("geometry")
         if geometry is None or not len(geometry):
@@ -103,18 +116,21 @@ def _dress(
     given = visual.find("material")
     material = None
     if given is not None:
-        material = _material(given if len(given) else materials.get(str(given.get("name"))), folder)
+        defined = given if len(given) else materials.get(str(given.get("name")))
+        material = _material(defined, folder, made.scene.warnings)
     mesh = visual.find("geometry/mesh")
     if mesh is None:
         instance.material = material or Material(name="default")
         return
-    reference = str(mesh.get("filename"))
-    path = folder.find(reference, (folder.near,), f"the mesh of link '{instance.part_of or instance.label}'")
+    what = f"the mesh of link '{instance.part_of or instance.label}'"
+    if not mesh.get("filename"):
+        raise SolariError(f"{folder.who}: {what} has no filename: mend the file")
+    path = folder.find(str(mesh.get("filename")), (folder.near,), what)
     if path not in meshes:
         meshes[path] = _mesh_scene(path, strict)
         made.scene.warnings.extend(meshes[path].warnings)
     scale = np.diag([*_scale(mesh.get("scale"), folder.who), 1.0])
-    made.scene.remove(instance)
+    made.scene.remove(made.instances.pop(key))  # the sphere, also where the file's mesh has no parts
     names = {name: getattr(instance, name) for name in ("label", "part_of")}
     for number, part in enumerate(meshes[path]):
         where = instance.transform @ scale @ part.transform
@@ -135,8 +151,9 @@ def _scale(text: str | None, who: str) -> list[float]:
     return values
 
 
-def _material(element: Element | None, folder: Folder) -> Material | None:
-    """The material of an element with a color or a texture; None for a name that nothing defines."""
+def _material(element: Element | None, folder: Folder, warnings: list[str]) -> Material | None:
+    """The material of an element with a color or a texture; None for a name that nothing defines. warnings: get what
+    is said of a texture that is left out."""
     if element is None:
         return None
     fields: dict[str, Any] = {"name": str(element.get("name") or "")}
@@ -152,8 +169,12 @@ def _material(element: Element | None, folder: Folder) -> Material | None:
         fields["alpha_mode"] = "blend" if rgba[3] < 1 else "opaque"
     if texture is not None and texture.get("filename"):
         what = f"the texture of material '{fields['name']}'"
-        fields["base_color_texture"] = folder.find(str(texture.get("filename")), (folder.near,), what)
-        fields.setdefault("base_color", 1.0)
+        try:
+            fields["base_color_texture"] = folder.find(str(texture.get("filename")), (folder.near,), what)
+            fields.setdefault("base_color", 1.0)
+        except SolariError as error:
+            remark = f"{error}; it is left out"
+            warnings.extend([remark] if remark not in warnings else [])
     return Material(**fields) if len(fields) > 1 else None
 
 
