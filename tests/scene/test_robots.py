@@ -9,7 +9,7 @@ from PIL import Image
 import solari_vk as sv
 from solari_vk.scene.files.mujoco import geoms
 from solari_vk.scene.files.mujoco.mjcf import compile_spec
-from solari_vk.scene.files.mujoco.model_scene import model_scene
+from solari_vk.scene.files.mujoco.model_scene import ModelScene, model_scene
 from solari_vk.scene.files.mujoco.surfaces import WHITE, linear, sky_image
 
 mujoco = pytest.importorskip("mujoco")
@@ -252,6 +252,17 @@ def test_groups_turn_as_joints_do(robot):
     scene.groups["base"].position += (0, 1, 0)
     np.testing.assert_allclose(scene.groups["elbow"].position - before, (0, 1, 0), atol=1e-6)
     assert {one.name for one in scene.groups["geom group 1"]} == {"bone"}
+
+
+def test_geoms_that_are_too_many_are_said(robot, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)  # where MuJoCo writes its log
+    model, data = state(robot)
+    shown = ModelScene(model, most_geoms=2)
+    with pytest.warns(UserWarning, match="only 2 geoms are shown: give a larger max_geom"):
+        shown.update(data)
+    assert len(shown.scene) == 2
+    shown.update(data)
+    assert len(shown.scene.warnings) == 1
 
 
 def test_groups_of_bodies_keep_their_names(tmp_path):

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from solari_vk.base.errors import SolariError
+from solari_vk.base.errors import SolariError, warn
 from solari_vk.scene.camera import Camera
 from solari_vk.scene.files.gltf.hierarchy import MOST_LEVELS
 from solari_vk.scene.files.libraries import library
@@ -108,6 +108,10 @@ class ModelScene:
         option = option or mujoco.MjvOption()
         everything = mujoco.mjtCatBit.mjCAT_ALL
         mujoco.mjv_updateScene(self.model, data, option, None, camera, everything, self.visual)
+        remark = f"mujoco: only {self.visual.maxgeom} geoms are shown: give a larger max_geom"
+        if self.visual.status and remark not in self.scene.warnings:
+            self.scene.warnings.append(remark)
+            warn(remark)
 
     def show(self) -> None:
         """Have the scene show what `visual` lists."""
