@@ -209,6 +209,7 @@ def test_a_history_is_filled_before_any_frame(device, shaders):
     shaders.write("sums", SUMMED)
     stage = Stage("sums", {"sums": History(1)}, passes=[Pass("sums", threads=1)])
     with Frame(device, [stage], glsl_root=shaders.root) as frame:
+        assert frame.resource("previous_sums") is frame.resource("sums")
         for expected in (11, 21, 31):
             frame["sums"] = [expected - 1]
             assert frame["sums"] == expected - 1

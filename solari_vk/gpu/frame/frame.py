@@ -213,10 +213,11 @@ class Frame(InParts):
     # ---- results ------------------------------------------------------------------------------------
 
     def resource(self, name: str) -> Any:
-        """The Buffer, Image or external object of this name in the latest frame. Before the first frame it is, of a
-        history, what that frame calls previous_NAME. For a buffer that aliases another one it is the whole of that
-        one."""
-        index = (self.frame_count - 1) % SIDES
+        """The Buffer, Image or external object of this name in the latest frame. Before the first frame it is, of NAME
+        with a history and of previous_NAME, what that frame calls previous_NAME. For a buffer that aliases another one
+        it is the whole of that one."""
+        is_next = not self.frame_count and name.startswith(PREVIOUS)
+        index = 0 if is_next else (self.frame_count - 1) % SIDES
         bound = self._resources.named(index) | self._external
         if name not in bound:
             raise SolariError(f"the frame has no resource {name}; there are {', '.join(sorted(bound))}")
@@ -263,7 +264,7 @@ class Frame(InParts):
         resource = self.resource(name)
         binding = self.binding(name)
         latest = name.removeprefix(PREVIOUS)
-        if latest != name and resource is self._resources.named(self.frame_count % SIDES).get(latest):
+        if latest != name and any(resource is self._resources.named(index).get(latest) for index in range(SIDES)):
             raise SolariError(f"{name} is what the frame before the latest made: fill {latest}")
         if binding.kind != "storage_buffer" or not isinstance(resource, Buffer | BufferRange):
             raise SolariError(f"{name} is a {binding.kind}: only buffers can be filled; frame.uniforms has uniforms")
