@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from contextlib import ExitStack
 from importlib import util
 from pathlib import Path
 from typing import Any
@@ -78,16 +79,15 @@ def run(
     for name in renderers:
         if name not in RENDERERS:
             raise SolariError(f"bench robots: there is no renderer '{name}': give some of {', '.join(RENDERERS)}")
-    with measuring(select, rays, markdown, "Robots", *INTRO) as (device, report):
+    with measuring(select, rays, markdown, "Robots", *INTRO) as (device, report), ExitStack() as closing:
         model, positions = _states(worlds)
         works: dict[str, Work] = {}
-        closing = []
         for name in renderers or RENDERERS:
             report.progress(f"{name}, {worlds} worlds")
             batch, work = _ours(device, model, positions, size, name, samples)
+            closing.enter_context(batch)
             warm(device, work, 3, 0.5)
             works[name] = work
-            closing.append(batch)
         notes = []
         try:
             for name, work in _by_warp(model, positions, size):
@@ -99,8 +99,6 @@ def run(
         rounds = [[seconds(work) for work in works.values()] for _ in range(ROUNDS)]
         middle = np.median(rounds, axis=0)
         rows = [(name, f"{worlds / time:,.0f}", f"{1e3 * time:,.2f}") for name, time in zip(works, middle, strict=True)]
-        for each in closing:
-            each.close()
         report.table(f"{worlds:,} worlds, views of {size[0]}x{size[1]}", HEAD, rows, *notes)
 
 
