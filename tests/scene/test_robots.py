@@ -467,3 +467,17 @@ def test_a_folder_allows_what_lies_beside(package):
     assert len(sv.load(package, folder=package.parent.parent.parent)) == 3
     with pytest.raises(sv.SolariError, match="folder"):
         sv.load(package.parent.parent / "meshes/tip.obj", folder=".")
+
+
+def test_what_simulations_alone_depend_on_is_not_said(tmp_path, monkeypatch, capfd):
+    """MuJoCo warns of parts with other settings, and writes a log into the current folder."""
+    monkeypatch.chdir(tmp_path)
+    ball = '<worldbody><body name="ball"><geom size="1"/></body></worldbody>'
+    (tmp_path / "part.xml").write_text(f'<mujoco><visual><map zfar="20"/></visual>{ball}</mujoco>')
+    (tmp_path / "robot.xml").write_text(
+        '<mujoco><asset><model name="part" file="part.xml"/></asset><worldbody>'
+        '<light cutoff="0" diffuse="-1 0 0"/><attach model="part" body="ball" prefix="p_"/></worldbody></mujoco>'
+    )
+    assert len(sv.load("robot.xml").instances) == 1
+    assert capfd.readouterr().err == ""
+    assert {file.name for file in tmp_path.iterdir()} == {"part.xml", "robot.xml"}

@@ -25,12 +25,13 @@ AMBIENT = "ambient"
 BRIGHTEST_SKY = 0.4
 """Of what a sky of `surfaces.WHITE` all around would give: brighter ones are dimmed to it."""
 _HALF = math.sqrt(0.5)  # the share of a spotlight's ramp whose square is a half
+_NARROWEST = 1e-3  # radians: a cutoff of 0 is as good as dark
 _WIDEST = math.radians(89.9)
 
 
 def light_fields(mujoco: Any, model: Any, light: Any) -> tuple[type[Light], dict[str, Any]] | None:
     """The class of an mjvLight and its fields; None for one that is dark or is a picture."""
-    color = np.array(light.diffuse, np.float64)
+    color = np.maximum(np.array(light.diffuse, np.float64), 0)
     kind = mujoco.mjtLightType(int(light.type)).name[8:]
     if not color.any() or kind == "IMAGE":
         return None
@@ -68,7 +69,7 @@ def _radius(light: Any) -> float:
 
 def _cone(cutoff: float, exponent: float) -> dict[str, float]:
     """The cones of a spotlight whose light is halved at the same angle as cosine ** exponent."""
-    outer = min(math.radians(cutoff), _WIDEST)
+    outer = min(max(math.radians(cutoff), _NARROWEST), _WIDEST)
     edge = math.cos(outer)
     half = max(0.5 ** (1 / max(exponent, 1e-3)), edge + 1e-3 * (1 - edge))
     inner = min(edge + (half - edge) / _HALF, 1.0)

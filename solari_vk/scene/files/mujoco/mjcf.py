@@ -6,6 +6,8 @@ import math
 import os
 import re
 import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 from xml.etree.ElementTree import Element
@@ -34,16 +36,29 @@ def compile_spec(who: str, mujoco: Any, make: Any, *, is_rewritten: bool = False
     """The MjModel of an MjSpec that `make` makes. Bodies without a mass get a small one: they aren't simulated.
     is_rewritten: from a text whose lines aren't those of the file."""
     try:
-        spec = make()
-        spec.compiler.boundmass = max(spec.compiler.boundmass, _SMALLEST)
-        spec.compiler.boundinertia = max(spec.compiler.boundinertia, _SMALLEST)
-        spec.compiler.balanceinertia = True
-        with warnings.catch_warnings(action="ignore"):  # about what simulations alone depend on
+        with _without_warnings(mujoco):
+            spec = make()
+            spec.compiler.boundmass = max(spec.compiler.boundmass, _SMALLEST)
+            spec.compiler.boundinertia = max(spec.compiler.boundinertia, _SMALLEST)
+            spec.compiler.balanceinertia = True
             return spec.compile()
     except (ValueError, TypeError, RuntimeError, MemoryError, mujoco.FatalError) as error:
         reason = " ".join(str(error).split())
         reason = shortened(_LINE.sub("", reason) if is_rewritten else reason, 200)
         raise SolariError(f"{who}: MuJoCo can't read this: {reason}: mend the file") from None
+
+
+@contextmanager
+def _without_warnings(mujoco: Any) -> Iterator[None]:
+    """Without MuJoCo's warnings, which are about what simulations alone depend on, and the log of them that it writes
+    into the current folder."""
+    before = mujoco.get_mju_user_warning()
+    mujoco.set_mju_user_warning(lambda _: None)
+    try:
+        with warnings.catch_warnings(action="ignore"):
+            yield
+    finally:
+        mujoco.set_mju_user_warning(before)
 
 
 def check_files(path: Path, folder: Folder) -> None:
