@@ -374,3 +374,11 @@ def test_streams_of_subclasses(monkeypatch):
     tensor = type("Tensor", (), {"__module__": "torch", "device": 0})
     assert imports._stream_of(type("Mine", (tensor,), {"__module__": "mine"})()) == 77
     assert imports._stream_of(np.zeros(1)) is None
+
+
+def test_other_libraries_give_functions_of_python_other_types(monkeypatch):
+    """Those of ctypes.pythonapi are shared; these types are Warp's."""
+    for function in (ctypes.pythonapi.PyCapsule_GetPointer, ctypes.pythonapi.PyCapsule_IsValid):
+        monkeypatch.setattr(function, "argtypes", [ctypes.py_object, ctypes.c_char_p])
+    values = np.arange(6, dtype=np.float32).reshape(2, 3)
+    assert dlpack.described(values.__dlpack__()) == (values.ctypes.data, (2, 3), np.dtype(np.float32))

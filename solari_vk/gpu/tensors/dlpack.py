@@ -36,12 +36,16 @@ class _Tensor(ctypes.Structure):
 # What tensors need, by the addresses of their structures: DLPack's consumers hold an address alone, and nothing of
 # Python keeps the structure and the owner of the memory alive.
 _references: dict[int, tuple[Any, ...]] = {}
-_python: Any = ctypes.pythonapi
-_python.PyCapsule_New.restype = ctypes.py_object
-_python.PyCapsule_New.argtypes = (ctypes.c_void_p, ctypes.c_char_p, ctypes.c_void_p)
-_python.PyCapsule_IsValid.argtypes = (ctypes.c_void_p, ctypes.c_char_p)
-_python.PyCapsule_GetPointer.restype = ctypes.c_void_p
-_python.PyCapsule_GetPointer.argtypes = (ctypes.c_void_p, ctypes.c_char_p)
+
+
+def _of_python(name: str, result: Any, *arguments: Any) -> Any:
+    """A function of Python's. Not an attribute of ctypes.pythonapi: those are shared, and Warp gives them other types."""
+    return ctypes.PYFUNCTYPE(result, *arguments)((name, ctypes.pythonapi))
+
+
+_new = _of_python("PyCapsule_New", ctypes.py_object, ctypes.c_void_p, ctypes.c_char_p, ctypes.c_void_p)
+_is_valid = _of_python("PyCapsule_IsValid", ctypes.c_int, ctypes.c_void_p, ctypes.c_char_p)
+_pointer = _of_python("PyCapsule_GetPointer", ctypes.c_void_p, ctypes.c_void_p, ctypes.c_char_p)
 
 
 def _delete(address: int) -> None:
@@ -52,8 +56,8 @@ def _delete(address: int) -> None:
 
 def _delete_unused(capsule: int) -> None:
     """A capsule is gone. Consumers rename those that they have taken, and call the deleter themselves."""
-    if _python.PyCapsule_IsValid(capsule, b"dltensor"):
-        _delete(_python.PyCapsule_GetPointer(capsule, b"dltensor"))
+    if _is_valid(capsule, b"dltensor"):
+        _delete(_pointer(capsule, b"dltensor"))
 
 
 _delete_in_c = ctypes.CFUNCTYPE(None, ctypes.c_void_p)(_delete)
@@ -64,7 +68,7 @@ def described(capsule: Any) -> tuple[int, tuple[int, ...], np.dtype[Any] | None]
     """The address, shape and dtype of the memory that a capsule "dltensor" shows; no dtype for numbers that aren't
     packed, or of a kind that numpy lacks. The capsule keeps the memory."""
     # The capsule holds a DLManagedTensor, which begins with the DLTensor.
-    tensor = _Tensor.from_address(_python.PyCapsule_GetPointer(id(capsule), b"dltensor"))
+    tensor = _Tensor.from_address(_pointer(id(capsule), b"dltensor"))
     shape = tuple(tensor.shape[: tensor.ndim])
     # Strides are counted in elements here. NULL means packed in row-major order.
     packed = [math.prod(shape[axis + 1 :]) for axis in range(len(shape))]
@@ -98,4 +102,4 @@ def capsule(
     )
     at = ctypes.addressof(tensor)
     _references[at] = tensor, sizes, released
-    return _python.PyCapsule_New(at, b"dltensor", ctypes.cast(_delete_unused_in_c, ctypes.c_void_p))
+    return _new(at, b"dltensor", ctypes.cast(_delete_unused_in_c, ctypes.c_void_p))
