@@ -39,7 +39,7 @@ _references: dict[int, tuple[Any, ...]] = {}
 
 
 def _of_python(name: str, result: Any, *arguments: Any) -> Any:
-    """A function of Python's. Not an attribute of ctypes.pythonapi: those are shared, and Warp gives them other types."""
+    """A function of Python's. Attributes of ctypes.pythonapi are shared, and Warp gives them other types."""
     return ctypes.PYFUNCTYPE(result, *arguments)((name, ctypes.pythonapi))
 
 
