@@ -172,6 +172,7 @@ def test_table_fits_other_alignments(ray_device, root, tlas, monkeypatch, proper
                 "shaderGroupHandleAlignment",
                 "shaderGroupBaseAlignment",
                 "maxRayDispatchInvocationCount",
+                "maxRayRecursionDepth",
             )
         }
         | properties

@@ -231,7 +231,7 @@ def test_every_device_has_enough_uniform_blocks(renderer):
 
 
 @pytest.mark.parametrize(
-    ("lighting", "pixel", "size", "staging"), [("split", 552, (400, 300), True), ("paths", 398, (256, 256), False)]
+    ("lighting", "pixel", "size", "staging"), [("split", 572, (400, 300), True), ("paths", 418, (256, 256), False)]
 )
 def test_little_more_memory_is_reserved_than_is_needed(any_device, scene, lighting, pixel, size, staging):
     settings = sv.Settings(lighting=lighting)
@@ -270,7 +270,7 @@ def test_memory_is_that_of_the_frame_by_name(renderer):
 
 
 def test_memory_of_the_denoiser_and_antialiasing(renderer):
-    """At most 110 bytes for each rendered pixel, and 16 for each of the picture beside the picture itself."""
+    """At most 130 bytes for each rendered pixel, and 16 for each of the picture beside the picture itself."""
     renderer.settings.upscale = 2.0
     renderer.settings.restir = True  # fewer pixels are rendered
     renderer.resize((256, 128))
@@ -280,7 +280,7 @@ def test_memory_of_the_denoiser_and_antialiasing(renderer):
     assert not {"sample_radiance", "error"} & memory.keys()  # in memory of the paths
     denoiser = sum(size for name, size in memory.items() if name.startswith("denoise_"))
     assert picture == 16 * 256 * 128
-    assert 0 < denoiser <= 110 * 128 * 64
+    assert 0 < denoiser <= 130 * 128 * 64
 
 
 def test_the_previous_frames_tlas_lives_while_a_renderer_needs_it(device, scene):
