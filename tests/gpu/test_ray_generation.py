@@ -19,7 +19,9 @@ PATHS = sorted(
     if path.suffix.lstrip(".") in shaderc.STAGES
 )
 OWN_QUERIES = {
-    path for path in PATHS if re.match(r"passes/conformance/(discarded|positions|probe|probe_debug|trace)\.(comp|frag)", path)
+    path
+    for path in PATHS
+    if re.match(r"passes/conformance/(discarded|positions|probe|probe_debug|trace)\.(comp|frag)", path)
 }
 # Ray flags: opaque; opaque and terminate on the first hit; opaque and cull back faces.
 CLOSEST = 0x1
