@@ -86,10 +86,10 @@ AlternateHistory moved_alternate(AlternateHistory alternate, ivec2 from, Guide g
 }
 
 // The pixel of the previous frame in which the surface was, `from`, showed one of two surfaces. If its alternate
-// history is of this pixel's surface, lobes without a history take that. The other surface is put aside.
-void swap_alternate(
-    ivec2 from, uint index, PreviousSurface previous, Guide guide, inout LobeHistory diffuse,
-    inout LobeHistory specular, inout uint rng
+// history is of this pixel's surface, lobes without a history take that. Returns the history of the other surface.
+AlternateHistory swap_alternate(
+    ivec2 from, PreviousSurface previous, Guide guide, inout LobeHistory diffuse, inout LobeHistory specular,
+    inout uint rng
 ) {
     uint from_index = element_index(from, camera.size);
     bool has_surface = guide.kind != NOT_DENOISED;
@@ -105,7 +105,7 @@ void swap_alternate(
         LobeHistory specular_before = unpack_lobe_history(previous_denoise_specular.at[from_index]);
         alternate = pack_alternate(previous_denoise_guides.at[from_index], diffuse_before, specular_before, rng);
     }
-    denoise_alternate.at[index] = moved_alternate(alternate, from, guide);
+    return moved_alternate(alternate, from, guide);
 }
 
 void main() {
@@ -119,7 +119,7 @@ void main() {
     denoise_guides.at[index] = has_surface ? pack_guide(guide) : uvec2(0u);
     uint rng = seed_rng(uvec2(pixel), this_frame.index, this_frame.seed ^ PASS_SALT);
     LobeHistory diffuse = NO_HISTORY, specular = NO_HISTORY;
-    denoise_alternate.at[index] = NO_ALTERNATE;
+    AlternateHistory alternate = NO_ALTERNATE;
     if (denoise_settings.denoise != 0u && this_frame.has_history != 0u) {
         PreviousSurface previous = find_previous_surface(pixel, guide);
         bool moved = previous.pixel != vec2(pixel) + 0.5 || previous.position != guide.position;
@@ -136,9 +136,10 @@ void main() {
         }
         ivec2 from = ivec2(floor(previous.pixel));
         if (is_inside(from, camera.size)) {
-            swap_alternate(from, index, previous, guide, diffuse, specular, rng);
+            alternate = swap_alternate(from, previous, guide, diffuse, specular, rng);
         }
     }
+    denoise_alternate.at[index] = alternate;
     denoise_diffuse.at[index] = has_surface ? pack_lobe_history(diffuse, rng) : uvec4(0u);
     denoise_specular.at[index] = has_surface ? pack_lobe_history(specular, rng) : uvec4(0u);
 }

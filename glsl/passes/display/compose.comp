@@ -10,8 +10,9 @@
 
 layout(local_size_x = 8, local_size_y = 8) in;
 
-// Of how many pixels a pixel's light is that of this frame, so that the mean over frames is right. Paths out of turn
-// count for none, or what has just come into view would be too bright.
+// The factor of a pixel's light in raw_radiance. With the setting upscale a path that a pixel takes in its turn stands
+// for all pixels of the block, so that the mean of raw frames is right. A path out of turn doesn't count: what has just
+// come into view would be too bright with it.
 float stands_for(uint index) {
     if (!uses_denoiser(index)) { return 1.0; }
     uint number;

@@ -63,6 +63,8 @@ void main() {
     }
     if (history.weight > 0.0) { history = limited(history, around); }
 
+    // What several camera rays show tells more than one sample with its neighbors.
+    vec3 covered = needs_coverage(around.center) ? radiance.at[index] : NO_COVERAGE;
     float weight = 1.0;
     bool settled = history.weight >= ENOUGH;
     bool exposed = is_exposed(pixel.y);
@@ -76,12 +78,11 @@ void main() {
         // in motion are always softened, since it is chance which samples show them.
         bool softens = history.weight == 0.0 || !settled && is_still(around.center);
         bool blended = SCENE_BLEND && is_blended(around.center);
-        if (softens || blended && !is_still(around.center)) {
+        if (covered == NO_COVERAGE && (softens || blended && !is_still(around.center))) {
             found.radiance = soften(around.center, at, history.weight + 1.0, blended);
         }
         if (!exposed) { weight = UNEXPOSED; }  // stands for samples of the row's time, until there are some
     }
-    vec3 covered = needs_coverage(around.center) ? radiance.at[index] : NO_COVERAGE;
     if (covered != NO_COVERAGE) { found = NearestSample(covered, true); }
     if (found.exists) {
         // A sample counts in proportion to its number in the sequence, since the denoiser knows more from frame to
