@@ -48,7 +48,8 @@ def test_a_folder_has_one_owner(tmp_path, held, end):
     path = tmp_path / "journal.jsonl"
     with pytest.raises(SolariError, match=rf"process {held.pid} on \S+ writes into it: wait for it"):
         Journal(path, {"scene": 1})
-    held.stdin.close() if end is None else getattr(held, end)()
+    stop = held.stdin.close if end is None else getattr(held, end)
+    stop()
     held.wait()
     journal = Journal(path, {"scene": 1})
     again = Journal(path, {"scene": 1})  # of the same process

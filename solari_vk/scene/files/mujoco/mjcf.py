@@ -63,28 +63,9 @@ def _without_warnings(mujoco: Any) -> Iterator[None]:
 
 def check_files(path: Path, folder: Folder) -> None:
     """Raise SolariError unless an MJCF file, and all that it and its parts name, can be read and may be."""
-    roots: dict[Path, Element] = {}
-    named: dict[Element, Path] = {}  # by elements that name a file of XML
-    waiting = [path.resolve()]
-    while waiting:
-        file = waiting.pop()
-        if file in roots:
-            continue
-        root = roots[file] = read_xml(file)
-        if file == path.resolve() and root.tag == "mujocoinclude":
-            raise SolariError(f"{path}: is a part of a model: load the file that includes it")
-        if file == path.resolve() and root.tag != "mujoco":
-            raise SolariError(
-                f"{path}: is no model of MuJoCo, whose XML begins with <mujoco>, but <{shortened(root.tag, 40)}>"
-            )
-        if len(roots) > _MOST_FILES:
-            raise SolariError(f"{path}: includes more than {_MOST_FILES} files")
-        for element in root.iter():
-            if element.tag in ("include", "model") and "file" in element.attrib:
-                around = (path.resolve().parent, file.parent)
-                named[element] = folder.find(element.attrib["file"], around, f"<{element.tag}>")
-                waiting.append(named[element])
-    charge(_BYTES_PER_COPY * _copies(path.resolve(), roots, named), str(path), "the copies of its elements")
+    start = path.resolve()
+    roots, named = _read_parts(path, folder)
+    charge(_BYTES_PER_COPY * _copies(start, roots, named), str(path), "the copies of its elements")
     subfolders = {
         element.attrib[name]
         for root in roots.values()
@@ -94,10 +75,41 @@ def check_files(path: Path, folder: Folder) -> None:
     }
     for file, root in roots.items():
         # Where MuJoCo looks depends on its version, so that a file counts at each of these places.
-        near = (path.resolve().parent, file.parent)
+        near = (start.parent, file.parent)
         bases = [base / subfolder for base in near for subfolder in ("", *sorted(subfolders))]
         for element in root.iter():
             _check_element(element, bases, folder)
+
+
+def _read_parts(path: Path, folder: Folder) -> tuple[dict[Path, Element], dict[Element, Path]]:
+    """The roots of a file and of all files of XML that are parts of it, by their paths; and these paths by the elements
+    that name them."""
+    start = path.resolve()
+    roots: dict[Path, Element] = {}
+    named: dict[Element, Path] = {}
+    waiting = [start]
+    while waiting:
+        file = waiting.pop()
+        if file in roots:
+            continue
+        root = roots[file] = read_xml(file)
+        if file == start:
+            _check_root(path, root.tag)
+        if len(roots) > _MOST_FILES:
+            raise SolariError(f"{path}: includes more than {_MOST_FILES} files")
+        for element in root.iter():
+            if element.tag in ("include", "model") and "file" in element.attrib:
+                around = (start.parent, file.parent)
+                named[element] = folder.find(element.attrib["file"], around, f"<{element.tag}>")
+                waiting.append(named[element])
+    return roots, named
+
+
+def _check_root(path: Path, tag: str) -> None:
+    if tag == "mujocoinclude":
+        raise SolariError(f"{path}: is a part of a model: load the file that includes it")
+    if tag != "mujoco":
+        raise SolariError(f"{path}: is no model of MuJoCo, whose XML begins with <mujoco>, but <{shortened(tag, 40)}>")
 
 
 def _check_element(element: Element, bases: list[Path], folder: Folder) -> None:
@@ -113,8 +125,9 @@ def _check_element(element: Element, bases: list[Path], folder: Folder) -> None:
             charge(_BYTES_PER_BYTE * found.stat().st_size, folder.who, what)
     if element.tag == "texture":
         width, height = (math.prod(_counts(element, name)) for name in ("width", "height"))
-        is_cube = element.attrib.get("type", "cube") != "2d"
-        charge(4 * width * max(height, 6 * width * is_cube), folder.who, what)
+        if element.attrib.get("type", "cube") != "2d":
+            height = max(height, 6 * width)  # six faces below each other
+        charge(4 * width * height, folder.who, what)
     if element.tag == "hfield":
         rows, columns = (math.prod(_counts(element, name)) for name in ("nrow", "ncol"))
         charge(_BYTES_PER_POINT * rows * columns, folder.who, what)

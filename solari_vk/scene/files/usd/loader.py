@@ -198,17 +198,20 @@ class _Loader:
             elif prim.IsA(UsdGeom.PointInstancer):
                 self._add_repeated(place)
             elif prim.IsA(UsdGeom.Camera):
-                camera = make_camera(prim, place.world, self._time, self._unit, self._report)
-                self._follow(place, camera)
-                names = {name: prim.GetAttribute(name) for name in LENS}
-                codes = self._motion.codes(sampled(names))
-                if codes:
-                    rows = [lens(prim, Usd.TimeCode(code), self._unit) for code in codes]
-                    self._motion.change(camera, codes, rows)
+                self._add_camera(place)
             elif prim.HasAPI(UsdLux.LightAPI) and not prim.IsA(UsdGeom.Gprim):
                 self._add_light(place)
             elif prim.IsA(UsdGeom.Gprim):
                 self._add_shape(place)
+
+    def _add_camera(self, place: Place) -> None:
+        prim = place.prim
+        camera = make_camera(prim, place.world, self._time, self._unit, self._report)
+        self._follow(place, camera)
+        codes = self._motion.codes(sampled({name: prim.GetAttribute(name) for name in LENS}))
+        if codes:
+            rows = [lens(prim, Usd.TimeCode(code), self._unit) for code in codes]
+            self._motion.change(camera, codes, rows)
 
     def _follow(self, place: Place, item: Any) -> None:
         """Add an object that stands at a place, and have it move with that."""

@@ -303,7 +303,8 @@ def _turned_shape(kind: str, sizes: tuple[float, ...]) -> Mesh:
         return shapes.cone(radius, height, _SEGMENTS)
     is_capsule = kind.startswith("Capsule")
     if len(sizes) == 2 or sizes[0] == sizes[1]:
-        return (shapes.capsule if is_capsule else shapes.cylinder)(radius, height, _SEGMENTS)
+        make = shapes.capsule if is_capsule else shapes.cylinder
+        return make(radius, height, _SEGMENTS)
     top, bottom = sizes[:2]
     # The wall's normal points up by this angle. Caps are parts of spheres that touch the wall.
     tilt = math.atan2(bottom - top, height)
