@@ -40,26 +40,31 @@ _LABELS = {
     "albedo_image": "albedo",
 }
 _LIT = ("color_image", "hdr_color_image")
-_ALLOCATED = {
-    "color": "uint32", "depth": "float32", "depth_forward": "float32", "shape_index": "uint32", "normal": "vec3f",
-    "albedo": "uint32", "color_hdr": "vec3f",
-}  # fmt: skip
 
 
 def _newton(module: str) -> Any:
     return library(module, "newton.SensorCamera", INSTALL)
 
 
-class _Rays(type):
-    """Newton's static functions that make rays, `compute_camera_rays_...`, are those of its class."""
+def _helper(name: str) -> Any:
+    """A static function of Newton's own sensor."""
 
-    def __getattr__(cls, name: str) -> Any:
-        if name.startswith("compute_camera_"):
-            return getattr(_newton("newton.sensors").SensorCamera, name)
-        raise AttributeError(name)
+    def function(*values: Any, **options: Any) -> Any:
+        return getattr(_newton("newton.sensors").SensorCamera, name)(*values, **options)
+
+    return staticmethod(function)
 
 
-class SensorCamera(metaclass=_Rays):
+def _allocate(dtype: str) -> Any:
+    """A method that makes a zeroed array of Warp (view_count, height, width) of this type."""
+
+    def method(self: SensorCamera, view_count: int, width: int, height: int) -> Any:
+        return self.allocate_image(view_count, width, height, getattr(_newton("warp"), dtype))
+
+    return method
+
+
+class SensorCamera:
     """Newton's `SensorCamera`, drawn by this renderer: the same constructor, helpers and `update`.
 
     model: a `newton.Model`, whose worlds have the same shapes, each with its own poses and colors. device: one that is
@@ -158,14 +163,21 @@ class SensorCamera(metaclass=_Rays):
         """A zeroed array of Warp (view_count, height, width)."""
         return _newton("warp").zeros((int(view_count), int(height), int(width)), dtype=dtype, device=self.device)
 
-    def __getattr__(self, name: str) -> Any:
-        kind = name.removeprefix("allocate_image_")
-        if kind != name and kind in _ALLOCATED:
-            dtype = getattr(_newton("warp"), _ALLOCATED[kind])
-            return lambda view_count, width, height: self.allocate_image(view_count, width, height, dtype)
-        if name.startswith("compute_camera_"):
-            return getattr(type(self), name)
-        raise AttributeError(f"newton.SensorCamera has no {name}")
+    allocate_image_color = _allocate("uint32")
+    allocate_image_color_hdr = _allocate("vec3f")
+    allocate_image_depth = _allocate("float32")
+    allocate_image_depth_forward = _allocate("float32")
+    allocate_image_normal = _allocate("vec3f")
+    allocate_image_shape_index = _allocate("uint32")
+    allocate_image_albedo = _allocate("uint32")
+
+    compute_camera_rays_pinhole = _helper("compute_camera_rays_pinhole")
+    compute_camera_rays_pinhole_opencv = _helper("compute_camera_rays_pinhole_opencv")
+    compute_camera_rays_pinhole_usd = _helper("compute_camera_rays_pinhole_usd")
+    compute_camera_rays_fisheye_opencv = _helper("compute_camera_rays_fisheye_opencv")
+    compute_camera_rays_fisheye_ftheta = _helper("compute_camera_rays_fisheye_ftheta")
+    compute_camera_rays_fisheye_kannala_brandt = _helper("compute_camera_rays_fisheye_kannala_brandt")
+    compute_camera_transforms_usd = _helper("compute_camera_transforms_usd")
 
     def create_default_light(self, *, enable_shadows: bool = True, direction: Any = None, color: Any = None) -> None:
         """A sun in place of the one before, as Newton's: by default along (-1, 1, -1) where z is up. It casts shadows

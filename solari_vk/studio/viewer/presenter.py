@@ -105,6 +105,7 @@ class Presenter:
         self._composed: Image | None = None  # several parts side by side
         self._latest: Sequence[Part] = ()  # that were shown
         self._copy = PictureCopy(device)  # of parts of another device
+        self._copied: tuple[Sequence[Part], int] = (), 0  # which parts, and after which work of their device
         self._pool = CommandPool(device, "window")
         self._commands = self._pool.allocate(FRAMES)
 
@@ -120,7 +121,11 @@ class Presenter:
         """The parts as images of this device."""
         self._latest = parts
         if parts and parts[0].image.device is not self.device:
-            self._copy.store(pixels_of(parts))
+            other = parts[0].image.device
+            # To read a picture takes long, and only work of its device changes it.
+            if self._copied != (tuple(parts), other.submitted):
+                self._copy.store(pixels_of(parts))
+                self._copied = tuple(parts), other.submitted
             self._latest = self._copy.parts
         return self._latest
 

@@ -213,6 +213,22 @@ def test_capture_makes_several_attempts(viewer, vulkan, monkeypatch):
         viewer.capture()
 
 
+def test_a_picture_that_stays_is_copied_once(viewer, device, monkeypatch):
+    if device.properties.kind != "cpu":
+        pytest.skip("a graphics card draws the window itself")
+    copied = []
+    copy = presenter.pixels_of
+    monkeypatch.setattr(presenter, "pixels_of", lambda parts: copied.append(parts) or copy(parts))
+    viewer.run(frames=2)
+    rendered = len(copied)
+    assert rendered > 0
+    for _ in range(3):
+        viewer._presenter.show(viewer._renderer.parts(), viewer._draw)
+    assert len(copied) == rendered
+    viewer.run(frames=1)
+    assert len(copied) == rendered + 1
+
+
 @pytest.mark.parametrize("lost", [False, True])
 def test_the_device_may_close_or_be_lost_before_the_viewer(screen, monkeypatch, lost):
     """The surface of a lost device is destroyed before its window."""
