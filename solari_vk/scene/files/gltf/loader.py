@@ -19,7 +19,6 @@ from solari_vk.scene.files.gltf.document import Document
 from solari_vk.scene.files.gltf.draco import DracoMeshes
 from solari_vk.scene.files.gltf.extensions import SUPPORTED_EXTENSIONS
 from solari_vk.scene.files.gltf.extras import PORTAL, read_extras, read_label
-from solari_vk.scene.files.gltf.hierarchy import groups_of
 from solari_vk.scene.files.gltf.image_lights import EXTENSION as ENVIRONMENT
 from solari_vk.scene.files.gltf.image_lights import read_environment
 from solari_vk.scene.files.gltf.lights import EXTENSION as LIGHTS
@@ -42,6 +41,7 @@ from solari_vk.scene.files.gltf.report import Report
 from solari_vk.scene.files.gltf.skies import EXTENSION as SKY
 from solari_vk.scene.files.gltf.skies import read_sky
 from solari_vk.scene.files.gltf.values import Entry, shown
+from solari_vk.scene.files.hierarchy import Node, groups_of
 from solari_vk.scene.files.libraries import warn_of_missing
 from solari_vk.scene.group import distinct
 from solari_vk.scene.lights.portal import Portal
@@ -135,7 +135,11 @@ class _Loader:
         self._load_materials()
         for node in placed.values():
             self._add_objects(node, placed)
-        self._scene._groups.update(dict.fromkeys(groups_of(placed, self._objects_of)))
+        nodes = [
+            Node(node.number, node.parent, node.entry.name or f"node {node.number}", node.world)
+            for node in placed.values()
+        ]
+        self._scene._groups.update(dict.fromkeys(groups_of(nodes, self._objects_of)))
         has_meshes = any("mesh" in node.entry for node in placed.values())
         if self._report.first_error and not self._scene.instances and has_meshes:
             raise self._report.first_error

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from solari_vk.base.errors import SolariError, warn
 from solari_vk.scene.camera import Camera
-from solari_vk.scene.files.gltf.hierarchy import MOST_LEVELS
+from solari_vk.scene.files.hierarchy import MOST_LEVELS
 from solari_vk.scene.files.libraries import library
 from solari_vk.scene.files.mujoco import geoms
 from solari_vk.scene.files.mujoco.lights import AMBIENT, environment_of, light_fields, light_numbers

@@ -13,15 +13,8 @@ from solari_vk.base.budget import charge
 from solari_vk.base.errors import SolariError, quoted
 from solari_vk.base.files import read_regular
 
-_BESIDE = (
-    "urdf",
-    "mjcf",
-    "xml",
-    "sdf",
-    "robots",
-    "xacro",
-    "launch",
-)  # folders of packages that hold files beside `meshes`
+# Folders of packages that hold robots, beside the folder `meshes`.
+_BESIDE = ("urdf", "mjcf", "xml", "sdf", "robots", "xacro", "launch")
 _LEVELS = 6  # above a file, where its package is looked for
 _BYTES_PER_BYTE = 16  # of XML, while it is read
 _URI = re.compile(r"(package|model|file)://(.*)", re.DOTALL)

@@ -79,7 +79,7 @@ class _Loader:
         self._meshes: dict[Any, tuple[Mesh, Any]] = {}
         self._shapes: dict[Simple, Mesh] = {}
         self._objects: dict[str, int] = {}
-        self._hierarchy = Hierarchy(self._file)
+        self._hierarchy = Hierarchy()
         self._placed: dict[Any, Place] = {}  # of skeletons
         self._instancers: list[Any] = []  # from the outermost to the one that is expanded
         self._scene = Scene(name=path.stem)

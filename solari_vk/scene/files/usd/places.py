@@ -5,9 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import Any
 
-from solari_vk.scene.files.gltf.hierarchy import groups_of
-from solari_vk.scene.files.gltf.nodes import PlacedNode
-from solari_vk.scene.files.gltf.values import Entry
+from solari_vk.scene.files.hierarchy import Node, groups_of
 from solari_vk.scene.files.usd.motion import Matrix
 from solari_vk.scene.group import Group
 
@@ -30,16 +28,14 @@ class Place:
 class Hierarchy:
     """Which objects are at and below which prims: those of a prim with several are a group, as glTF's nodes are."""
 
-    def __init__(self, file: str) -> None:
-        self._file = file
-        self._nodes: dict[int, PlacedNode] = {}
+    def __init__(self) -> None:
+        self._nodes: list[Node] = []
         self._objects: dict[int, list[Any]] = {}
 
     def numbered(self, place: Place, parent: int) -> Place:
         """The place with a number, which is larger than its parent's."""
         number = len(self._nodes)
-        entry = Entry(self._file, f"<{place.prim.GetPath()}>", {"name": place.prim.GetName()})
-        self._nodes[number] = PlacedNode(number, parent, entry, place.world, place.visible)
+        self._nodes.append(Node(number, parent, place.prim.GetName() or f"node {number}", place.world))
         return replace(place, number=number)
 
     def add(self, place: Place, item: Any) -> None:
