@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from solari_vk.base.color import LUMINANCE_WEIGHTS
+from solari_vk.base.color import LUMINANCE_WEIGHTS, SRGB_GAMMA, SRGB_KNEE, SRGB_OFFSET, SRGB_SCALE, SRGB_SLOPE
 from solari_vk.base.errors import SolariError, checked_keywords, is_name, quoted
 from solari_vk.gpu.shaders import headers
 
@@ -49,14 +49,6 @@ AGX_MIN_STOPS = -12.47393
 AGX_MAX_STOPS = 4.026069
 AGX_GAMMA = 2.2
 _AGX_OUTSET = np.linalg.inv(AGX_INSET).astype(np.float32)
-
-# IEC 61966-2-1: linear up to the knee, then SCALE x^(1 / GAMMA) - OFFSET.
-SRGB_KNEE = 0.0031308
-SRGB_SLOPE = 12.92
-SRGB_SCALE = 1.055
-SRGB_OFFSET = 0.055
-SRGB_GAMMA = 2.4
-SRGB_ENCODED_KNEE = 0.04045
 
 # ---- curves -----------------------------------------------------------------------------------------
 
@@ -135,13 +127,6 @@ def encode_srgb(linear: ArrayLike) -> Colors:
     x = np.clip(np.asarray(linear, np.float32), 0, 1)
     curved = SRGB_SCALE * x ** np.float32(1 / SRGB_GAMMA) - SRGB_OFFSET
     return np.where(x <= SRGB_KNEE, x * SRGB_SLOPE, curved).astype(np.float32)
-
-
-def decode_srgb(encoded: ArrayLike) -> Colors:
-    """The inverse of `encode_srgb`."""
-    x = np.clip(np.asarray(encoded, np.float32), 0, 1)
-    curved = ((x + SRGB_OFFSET) / SRGB_SCALE) ** SRGB_GAMMA
-    return np.where(x <= SRGB_ENCODED_KNEE, x / SRGB_SLOPE, curved).astype(np.float32)
 
 
 @checked_keywords(who="solari_vk")

@@ -71,11 +71,11 @@ class Batch(Hints):
                 batches.Batch(self._device, self.scene, (width, height), views, **kind)
             )
             self.segmentation_table = self._segmentation_table(shown)
+            """(M, 2): the number and the mjtObj of the object with each "instance_id"; the last row, -1, is the
+            background's."""
         except BaseException:
             self._owned.close()
             raise
-        """(M, 2): the number and the mjtObj of the object with each "instance_id"; the last row, -1, is the
-        background's."""
 
     def _segmentation_table(self, shown: ModelScene) -> NDArray[np.int32]:
         keys = {instance: key for key, instance in shown.instances.items()}

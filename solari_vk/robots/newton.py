@@ -8,16 +8,18 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from solari_vk.base.color import decode_srgb
 from solari_vk.base.errors import SolariError, quoted, warn
 from solari_vk.batch.batch import Batch
 from solari_vk.gpu.acceleration.checks import whole_number
 from solari_vk.gpu.device.device import Device
+from solari_vk.output.tone_mapping import encode_srgb
 from solari_vk.robots.poses import scene_transforms, up_matrix
 from solari_vk.scene import shapes
 from solari_vk.scene.files.libraries import library
 from solari_vk.scene.files.mujoco import geoms
 from solari_vk.scene.files.mujoco.lights import FULL
-from solari_vk.scene.files.mujoco.surfaces import WHITE, linear
+from solari_vk.scene.files.mujoco.surfaces import WHITE
 from solari_vk.scene.lights.directional import DirectionalLight
 from solari_vk.scene.lights.environment import Environment
 from solari_vk.scene.material import Material
@@ -357,7 +359,7 @@ def _source_mesh(source: Any, scale: NDArray[Any]) -> Mesh:
 def _material(model: Any, shape: int, color: Any, load_textures: bool) -> Material:
     """Colors and pictures are sRGB in Newton."""
     opacity = 1.0 if model.shape_opacity is None else float(model.shape_opacity.numpy()[shape])
-    fields: dict[str, Any] = {"base_color": linear(color), "alpha": opacity, "name": model.shape_label[shape]}
+    fields: dict[str, Any] = {"base_color": decode_srgb(color), "alpha": opacity, "name": model.shape_label[shape]}
     fields["alpha_mode"] = "blend" if opacity < 1 else "opaque"
     source = model.shape_source[shape]
     for name in ("roughness", "metallic"):
@@ -404,9 +406,7 @@ def _places(which: NDArray[Any], shown: NDArray[Any], worlds: int) -> tuple[NDAr
 
 def _packed(colors: NDArray[Any]) -> NDArray[np.uint32]:
     """Linear colors as sRGB bytes, red lowest, with an alpha of 255."""
-    values = np.clip(colors, 0, 1)
-    codes = np.where(values <= 0.0031308, 12.92 * values, 1.055 * np.maximum(values, 1e-9) ** (1 / 2.4) - 0.055)
-    red, green, blue = np.moveaxis(np.rint(255 * codes).astype(np.uint32), -1, 0)
+    red, green, blue = np.moveaxis(np.rint(255 * encode_srgb(colors)).astype(np.uint32), -1, 0)
     packed: NDArray[Any] = red | green << 8 | blue << 16 | np.uint32(255 << 24)
     return packed
 

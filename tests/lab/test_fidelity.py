@@ -9,10 +9,10 @@ import pytest
 from PIL import Image
 from support.files import GltfWriter
 
+from solari_vk.base.color import decode_srgb
 from solari_vk.base.errors import SolariError
 from solari_vk.cli import main
 from solari_vk.lab.measure import fidelity
-from solari_vk.output.tone_mapping import decode_srgb
 from solari_vk.output.transparency import backdrop
 from solari_vk.scene.lights.environment import Environment
 

@@ -10,17 +10,10 @@ import pytest
 from PIL import Image
 
 import solari_vk as sv
+from solari_vk.base.color import decode_srgb
 from solari_vk.base.errors import SolariError
 from solari_vk.output.picture import check_output, save_image
-from solari_vk.output.tone_mapping import (
-    CURVES,
-    auto_exposure,
-    decode_srgb,
-    encode_picture,
-    encode_srgb,
-    misexposed,
-    tonemap,
-)
+from solari_vk.output.tone_mapping import CURVES, auto_exposure, encode_picture, encode_srgb, misexposed, tonemap
 from solari_vk.scene.camera import exposure_of
 
 RADIANCE = np.exp(np.random.default_rng(1).normal(0, 2, (6, 9, 3))).astype(np.float32)

@@ -12,8 +12,8 @@ import pytest
 from PIL import Image
 
 from solari_vk import Environment, Sky
+from solari_vk.base.color import decode_srgb
 from solari_vk.base.errors import SolariError
-from solari_vk.output.tone_mapping import decode_srgb
 from solari_vk.scene import shapes
 from solari_vk.scene.lights.punctual import PointLight, SpotLight
 from solari_vk.scene.model import Camera, DirectionalLight, Instance, Material, Mesh, Scene, Texture, TextureImage

@@ -7,10 +7,11 @@ import pytest
 from PIL import Image
 
 import solari_vk as sv
+from solari_vk.base.color import decode_srgb
 from solari_vk.scene.files.mujoco import geoms
 from solari_vk.scene.files.mujoco.mjcf import compile_spec
 from solari_vk.scene.files.mujoco.model_scene import ModelScene, model_scene
-from solari_vk.scene.files.mujoco.surfaces import WHITE, linear, sky_image
+from solari_vk.scene.files.mujoco.surfaces import WHITE, sky_image
 
 mujoco = pytest.importorskip("mujoco")
 UP = geoms.UP
@@ -92,7 +93,7 @@ def test_surfaces_keep_what_the_file_says(robot):
     texels = {tuple(texel) for texel in table.base_color_texture.image.pixels[..., :3].reshape(-1, 3).tolist()}
     assert texels == {(255, 0, 0), (0, 0, 255)}
     assert 0.16 * table.reflectance[0] ** 2 == pytest.approx(0.2, rel=1e-5)
-    np.testing.assert_allclose(scene.instances["bone"].material.base_color, linear((0.2, 0.4, 0.6)))
+    np.testing.assert_allclose(scene.instances["bone"].material.base_color, decode_srgb((0.2, 0.4, 0.6)))
     shell = scene.instances["shell"].material
     assert shell.alpha == 0.5
     assert shell.alpha_mode == "blend"
@@ -174,8 +175,8 @@ def test_lights_have_physical_units(robot):
     sky = sv.load(robot).environment
     assert 0.05 < sky.flux / (4 * np.pi * WHITE) <= 0.4 + 1e-6  # of a white one all around
     sky = sky.image
-    np.testing.assert_allclose(sky[0, 0], WHITE * linear((0, 0, 1)), atol=0.2)  # at the top
-    np.testing.assert_allclose(sky[-1, 0], WHITE * linear((1, 0, 0)), atol=0.2)
+    np.testing.assert_allclose(sky[0, 0], WHITE * decode_srgb((0, 0, 1)), atol=0.2)  # at the top
+    np.testing.assert_allclose(sky[-1, 0], WHITE * decode_srgb((1, 0, 0)), atol=0.2)
 
 
 def test_lights_follow_the_model(robot):
@@ -220,9 +221,9 @@ def test_a_skybox_has_its_faces_around_the_scene():
     image = sky_image(colors.reshape(48, 8, 3))
     rows, columns = image.shape[:2]
     seen = [image[rows // 2, int(columns * share)] for share in (0.5, 0.75, 0.01, 0.25)]  # +x, +z, -x, -z
-    expected = [WHITE * linear(np.full(3, 40 * face / 255)) for face in (0, 4, 1, 5)]
+    expected = [WHITE * decode_srgb(np.full(3, 40 * face / 255)) for face in (0, 4, 1, 5)]
     np.testing.assert_allclose(seen, expected, rtol=1e-5)
-    np.testing.assert_allclose((image[0, 0], image[-1, 0]), WHITE * linear(np.array([[80] * 3, [120] * 3]) / 255))
+    np.testing.assert_allclose((image[0, 0], image[-1, 0]), WHITE * decode_srgb(np.array([[80] * 3, [120] * 3]) / 255))
 
 
 def test_cameras_have_the_files_lenses(robot):

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from solari_vk.output.tone_mapping import decode_srgb
+from solari_vk.base.color import decode_srgb
 from solari_vk.scene.material import MIRROR_ROUGHNESS, Material, Texture
 from solari_vk.scene.matrices import transform_points, unit
 from solari_vk.scene.model import Scene

@@ -7,16 +7,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from solari_vk.base.color import decode_srgb
+
 Pixels = NDArray[np.uint8]
 
 
-def _srgb_to_linear() -> NDArray[np.float32]:
-    value = np.arange(256) / 255
-    # IEC 61966-2-1: sRGB.
-    return np.where(value <= 0.04045, value / 12.92, ((value + 0.055) / 1.055) ** 2.4).astype(np.float32)
-
-
-LINEAR_OF_SRGB = _srgb_to_linear()
+LINEAR_OF_SRGB = decode_srgb(np.arange(256) / 255)
 # The sRGB codes of 2^16 linear values: fine enough that every 8-bit code is reproduced.
 _STEPS = 2**16 - 1
 _MIDDLES = ((LINEAR_OF_SRGB[1:].astype(np.float64) + LINEAR_OF_SRGB[:-1]) / 2 * _STEPS).astype(np.float32)

@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from solari_vk.base.color import decode_srgb
 from solari_vk.scene.files.mujoco.geoms import CUBE_FACES, FACE_MARGIN, UP
 from solari_vk.scene.lights.environment import directions
 from solari_vk.scene.material import UNLIT_RADIANCE, Material, Texture, TextureImage
@@ -35,12 +36,6 @@ class Look(NamedTuple):
     textures: tuple[tuple[str, int], ...]
     repeat: tuple[float, float]
     shift: float
-
-
-def linear(color: Any) -> NDArray[np.float32]:
-    """Linear Rec. 709 from sRGB numbers in [0, 1] (IEC 61966-2-1)."""
-    values = np.clip(np.asarray(color, np.float64), 0, 1)
-    return np.where(values <= 0.04045, values / 12.92, ((values + 0.055) / 1.055) ** 2.4).astype(np.float32)
 
 
 def look_of(mujoco: Any, model: Any, geom: Any) -> Look:
@@ -102,7 +97,7 @@ class Surfaces:
         return self._materials[look]
 
     def _made(self, look: Look) -> Material:
-        color = linear(look.rgba[:3])
+        color = decode_srgb(look.rgba[:3])
         numbers = dict(look.textures)
         fields: dict[str, Any] = {"base_color": color, "alpha": look.rgba[3], "name": look.name}
         base = numbers.get("RGBA", numbers.get("RGB"))
@@ -233,7 +228,7 @@ def sky_image(pixels: Pixels) -> NDArray[np.float32]:
         share = (along * seen).sum(axis=-1) / np.abs(depth)
         place.append(np.clip(((share + 1) / 2 * width).astype(int), 0, width - 1))
     colors = faces[face, place[1], place[0]]
-    found = (WHITE * linear(colors[..., :3] / 255)).astype(np.float32)
+    found = (WHITE * decode_srgb(colors[..., :3] / 255)).astype(np.float32)
     return np.broadcast_to(found, (*found.shape[:2], 3))
 
 

@@ -11,6 +11,7 @@ from xml.etree.ElementTree import Element, SubElement
 import numpy as np
 
 from solari_vk.base.budget import charge
+from solari_vk.base.color import decode_srgb
 from solari_vk.base.errors import SolariError, quoted
 from solari_vk.base.files import read_regular
 from solari_vk.scene.files.formats import read_file
@@ -18,7 +19,6 @@ from solari_vk.scene.files.libraries import library
 from solari_vk.scene.files.mujoco.mjcf import compile_spec
 from solari_vk.scene.files.mujoco.model_scene import INSTALL, Key, ModelScene, model_scene
 from solari_vk.scene.files.mujoco.references import Folder, read_xml
-from solari_vk.scene.files.mujoco.surfaces import linear
 from solari_vk.scene.material import Material
 from solari_vk.scene.model import Instance, Mesh, Scene
 
@@ -161,7 +161,7 @@ def _material(element: Element | None, folder: Folder, warnings: list[str]) -> M
     if color is not None:
         try:
             rgba = [float(word) for word in str(color.get("rgba")).split()]
-            fields |= {"base_color": linear(rgba[:3]), "alpha": rgba[3]}
+            fields |= {"base_color": decode_srgb(rgba[:3]), "alpha": rgba[3]}
         except (ValueError, IndexError):
             raise SolariError(
                 f"{folder.who}: the color of a material is rgba, four numbers, not {quoted(color.get('rgba'))}"

@@ -135,9 +135,7 @@ class Surface:
             self._report.add(_WRONG_PRIMVAR, f"{self.place} {primvar.GetPrimvarName()}")
             return None
         if interpolation == "faceVarying" and indices is not None and not len(indices):
-            index = weld(rows)  # equal corners share a vertex
-            _, first = np.unique(index, return_index=True)
-            rows = rows[first]
+            return _welded(rows)
         return Values(rows, index, interpolation)
 
     def _normals(self, smooth: Any) -> Values | None:
@@ -151,9 +149,7 @@ class Surface:
             given = _Attribute(attribute, mesh.GetNormalsInterpolation())
             found = self._values(attribute.Get(self._time), None, given)
             if found is not None and found.interpolation == "faceVarying":
-                index = weld(found.rows)
-                _, first = np.unique(index, return_index=True)
-                found = Values(found.rows[first], index, "faceVarying")
+                found = _welded(found.rows)
         return found if found is not None and found.rows.shape[1] == 3 else None
 
     def _index(self, values: Values, corners: Integers) -> Integers:
@@ -294,6 +290,13 @@ def shape_mesh(shape: Simple) -> Mesh:
     turn = _AXES[axis].astype(np.float32)
     normals = None if mesh.normals is None else mesh.normals @ turn.T
     return Mesh(mesh.positions @ turn.T, mesh.triangles, normals=normals, uvs=mesh.uvs, name=kind)
+
+
+def _welded(rows: NDArray[np.float64]) -> Values:
+    """Values of corners (N, K), of which equal ones share a row."""
+    index = weld(rows)
+    _, first = np.unique(index, return_index=True)
+    return Values(rows[first], index, "faceVarying")
 
 
 def _turned_shape(kind: str, sizes: tuple[float, ...]) -> Mesh:
