@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack
 from importlib import util
+from itertools import cycle
 from pathlib import Path
 from typing import Any
 
@@ -81,10 +82,11 @@ def run(
             raise SolariError(f"bench robots: there is no renderer '{name}': give some of {', '.join(RENDERERS)}")
     with measuring(select, rays, markdown, "Robots", *INTRO) as (device, report), ExitStack() as closing:
         model, positions = _states(worlds)
+        frames = _arrays(model, positions)
         works: dict[str, Work] = {}
         for name in renderers or RENDERERS:
             report.progress(f"{name}, {worlds} worlds")
-            batch, work = _ours(device, model, positions, size, name, samples)
+            batch, work = _ours(device, model, worlds, frames, size, name, samples)
             closing.enter_context(batch)
             warm(device, work, 3, 0.5)
             works[name] = work
@@ -125,7 +127,8 @@ def _arrays(model: Any, positions: NDArray[np.float64]) -> list[dict[str, Any]]:
     found: list[dict[str, Any]] = []
     for states in positions:
         frame: dict[str, list[Any]] = {f"{kind}_{what}": [] for kind in ("geom", "cam") for what in ("xpos", "xmat")}
-        for data.qpos[:] in states:
+        for state in states:
+            data.qpos[:] = state
             mujoco.mj_kinematics(model, data)
             mujoco.mj_camlight(model, data)
             for name, values in frame.items():
@@ -149,21 +152,23 @@ def _arrays(model: Any, positions: NDArray[np.float64]) -> list[dict[str, Any]]:
 
 
 def _ours(
-    device: Device, model: Any, positions: NDArray[np.float64], size: tuple[int, int], name: str, samples: int
+    device: Device,
+    model: Any,
+    worlds: int,
+    frames: Sequence[dict[str, Any]],
+    size: tuple[int, int],
+    name: str,
+    samples: int,
 ) -> tuple[Any, Work]:
-    worlds = positions.shape[1]
     outputs = ("depth", "instance_id") if name == "labels" else ()
     options: dict[str, Any] = {"renderer": name, "outputs": outputs, "device": device}
     batch = sv.mujoco.Batch(model, worlds, size[1], size[0], **options)
-    frames = _arrays(model, positions)
     results = outputs or ("radiance",)
     count = {"samples": samples} if name == "reference" else {}
-    number = 0
+    next_frames = cycle(frames)
 
     def work() -> None:
-        nonlocal number
-        number += 1
-        batch.render(frames[number % len(frames)], **count)
+        batch.render(next(next_frames), **count)
         for result in results:
             batch.tensor(result)
         device.wait_idle()
