@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 from solari_vk.gpu.frame.stages import Aliased, History, Pass, Stage
 from solari_vk.gpu.shaders.headers import constants
 from solari_vk.passes.paths import is_sparse
@@ -14,9 +16,13 @@ CELL_SIZE = 4  # width in rendered pixels of a cell whose samples are compared w
 def render_size(size: Size, settings: Settings) -> Size:
     """The size that is rendered for a picture of this size: the picture's over `upscale`, rounded up, if the denoiser
     doesn't fill the pixels without a path."""
-    if is_sparse(settings):
-        return size
-    return -int(-size[0] // settings.upscale), -int(-size[1] // settings.upscale)
+    return size if is_sparse(settings) else divided(size, settings.upscale)
+
+
+def divided(size: Size, upscale: float) -> Size:
+    """The size over `upscale`, rounded up."""
+    width, height = size
+    return math.ceil(width / upscale), math.ceil(height / upscale)
 
 
 def jitter_count(settings: Settings) -> int:

@@ -22,6 +22,7 @@ from support.files import GltfWriter
 
 import solari_vk as sv
 from solari_vk.base import disk_cache
+from solari_vk.base.color import decode_srgb
 from solari_vk.cli import info, main, realtime
 from solari_vk.cli.commands import COMMANDS
 from solari_vk.cli.loading import load_scene
@@ -30,7 +31,6 @@ from solari_vk.cli.render import make_job
 from solari_vk.gpu.device.physical import DeviceReport
 from solari_vk.output import oidn
 from solari_vk.output.compare import relative_mse
-from solari_vk.output.tone_mapping import decode_srgb
 from solari_vk.passes.debug_views import DEBUG_VIEWS
 from solari_vk.settings import FIELDS
 

@@ -16,6 +16,7 @@ from solari_vk.gpu.device.image import Image
 from solari_vk.output.tone_mapping import TONEMAPS
 from solari_vk.passes.debug_views import DEBUG_VIEWS, PICTURE, views_of
 from solari_vk.passes.reference import MAX_SAMPLES
+from solari_vk.passes.taa import divided
 from solari_vk.renderers.own_stages import AnyStage, made_stage
 from solari_vk.renderers.path_tracer import PathTracer
 from solari_vk.renderers.renderer import Renderer
@@ -160,8 +161,7 @@ class Pictures:
         """Width and height of a picture of as many pixels as are traced: less than the picture's with upscale."""
         if self.mode == "reference" or self.realtime is None:
             return self.size
-        upscale = self.realtime.settings.upscale
-        return -int(-self.size[0] // upscale), -int(-self.size[1] // upscale)
+        return divided(self.size, self.realtime.settings.upscale)
 
     @property
     def refuses(self) -> bool:

@@ -20,16 +20,13 @@ BUGS = {
     ),
     "with contradicting flags": ALL_FLAGS,
     "out of range is": Bug(STATE, "ray_query_generate_checked", AT_ANY_TIME + "{ ray_query_generate(query, hit_t); }"),
+    "rayQueryTerminate before": Bug(
+        STATE, "ray_query_terminate_checked", AT_ANY_TIME + "{ ray_query_generate(query, 1.5); }"
+    ),
     "after rayQueryTerminate": Bug(STATE, "ray_query_terminate_checked", ""),
     "give zeros": Bug(STATE, "ray_query_stands", "return record.phase >= RAY_QUERY_AT_CANDIDATE;"),
 }
 NESTED_BUGS = {
-    "rayQueryProceed before": Bug(
-        STATE, "ray_query_proceed", "return record.phase == RAY_QUERY_UNKNOWN || correct(query, record);"
-    ),
-    "rayQueryConfirmIntersection without": Bug(
-        STATE, "ray_query_confirm_checked", AT_ANY_TIME + "{ rayQueryConfirmIntersectionEXT(query); }"
-    ),
     "closest-hit and miss": Bug("passes/conformance/nested.rmiss", "main", "found.misses += 1u;"),
     "of an invalid ray": ALL_FLAGS,
 }
