@@ -419,13 +419,13 @@ def test_bad_urdf_gets_one_line(package, change, message):
     text = URDF.replace(*change)
     package.write_text(text.replace("</robot>", "</model>") if change[0] == "<robot" else text)
     with pytest.raises(sv.SolariError, match=message) as caught:
-        sv.load(package)
+        sv.load(package, strict=True)
     assert "\n" not in str(caught.value)
 
 
 def test_urdf_with_what_robots_have(package):
-    """A texture that is missing is left out, and said, unless strict; a floating joint keeps its initial pose; a file
-    without meshes leaves nothing."""
+    """A texture or a mesh that is missing is left out, and said, unless strict; a floating joint keeps its initial pose;
+    a file without meshes leaves nothing."""
     textured = '<material name="m"><texture filename="none.png"/></material></visual>'
     text = URDF.replace('<material name="blue"/></visual>', textured).replace("revolute", "floating")
     package.write_text(text)
@@ -436,11 +436,22 @@ def test_urdf_with_what_robots_have(package):
     assert tip.transform[1, 3] == pytest.approx(1.5)
     with pytest.raises(sv.SolariError, match=r"none\.png"):
         sv.load(package, strict=True)
+    package.write_text(URDF.replace("tip.obj", "none.obj"))
+    scene = sv.load(package)
+    assert "the mesh of link 'b'" in scene.warnings[0]
+    assert len(scene) == 2
     sv.Scene().save(package.parent.parent / "meshes/tip.glb")
     package.write_text(URDF.replace("tip.obj", "tip.glb"))
     scene = sv.load(package)
     assert len(scene) == 2
     assert len(scene.groups["b"]) == 1
+
+
+def test_a_robot_without_any_of_its_meshes_is_an_error(package):
+    visual = '<visual><geometry><mesh filename="none.obj"/></geometry></visual>'
+    package.write_text(f'<robot name="r"><link name="a">{visual}</link></robot>')
+    with pytest.raises(sv.SolariError, match=r"no file 'none\.obj'"):
+        sv.load(package)
 
 
 def test_folders_above_are_packages_by_what_they_have(package):
@@ -449,22 +460,22 @@ def test_folders_above_are_packages_by_what_they_have(package):
     (outer / "tip.obj").write_bytes((outer / "pack/meshes/tip.obj").read_bytes())
     package.write_text(URDF.replace("pack/meshes/tip.obj", f"{outer.name}/tip.obj"))
     with pytest.raises(sv.SolariError, match=r"package\.xml"):
-        sv.load(package)
+        sv.load(package, strict=True)
     (outer / "package.xml").write_text("<package/>")
     assert len(sv.load(package)) == 3
     with pytest.raises(sv.SolariError, match=r"no file 'tip\.obj'"):
-        sv.load(package, folder=outer / "pack")
+        sv.load(package, folder=outer / "pack", strict=True)
     assert len(sv.load(package, folder=outer)) == 3
     package.write_text(URDF.replace("pack/meshes/tip.obj", "pack/%00.obj"))
     with pytest.raises(sv.SolariError, match="no file"):
-        sv.load(package)
+        sv.load(package, strict=True)
 
 
 def test_a_folder_allows_what_lies_beside(package):
     (package.parent.parent.parent / "tip.obj").write_bytes((package.parent.parent / "meshes/tip.obj").read_bytes())
     package.write_text(URDF.replace("package://pack/meshes/tip.obj", "../../tip.obj"))
     with pytest.raises(sv.SolariError, match="folder="):
-        sv.load(package)
+        sv.load(package, strict=True)
     assert len(sv.load(package, folder=package.parent.parent.parent)) == 3
     with pytest.raises(sv.SolariError, match="folder"):
         sv.load(package.parent.parent / "meshes/tip.obj", folder=".")

@@ -43,8 +43,11 @@ def urdf_scene(path: Path, folder: Any, mujoco: Any, *, strict: bool) -> Scene:
     meshes: dict[Any, Scene] = {}
 
     def finish(made: ModelScene) -> None:
+        lost = Lost(made.scene.warnings, strict)
         for key, visual in _by_geom(made, visuals):
-            _dress(made, key, visual, materials, allowed, meshes, strict)
+            _dress(made, key, visual, materials, allowed, meshes, lost)
+        if lost.first is not None and not made.instances:
+            raise lost.first
         # URDF has neither lights nor cameras: MuJoCo's own are those of its viewer.
         for light in [*made.scene.lights]:
             made.scene.remove(light)
@@ -109,7 +112,7 @@ def _dress(
     materials: dict[str, Element],
     folder: Folder,
     meshes: dict[Any, Scene],
-    strict: bool,
+    lost: Lost,
 ) -> None:
     """Give a geom its material, and the mesh of a file in place of its sphere."""
     instance = made.instances[key]
@@ -117,7 +120,7 @@ def _dress(
     material = None
     if given is not None:
         defined = given if len(given) else materials.get(str(given.get("name")))
-        material = _material(defined, folder, made.scene.warnings)
+        material = _material(defined, folder, lost)
     mesh = visual.find("geometry/mesh")
     if mesh is None:
         instance.material = material or Material(name="default")
@@ -125,12 +128,16 @@ def _dress(
     what = f"the mesh of link '{instance.part_of or instance.label}'"
     if not mesh.get("filename"):
         raise SolariError(f"{folder.who}: {what} has no filename: mend the file")
-    path = folder.find(str(mesh.get("filename")), (folder.near,), what)
-    if path not in meshes:
-        meshes[path] = _mesh_scene(path, strict)
-        made.scene.warnings.extend(meshes[path].warnings)
     scale = np.diag([*_scale(mesh.get("scale"), folder.who), 1.0])
     made.scene.remove(made.instances.pop(key))  # the sphere, also where the file's mesh has no parts
+    try:
+        path = folder.find(str(mesh.get("filename")), (folder.near,), what)
+        if path not in meshes:
+            meshes[path] = _mesh_scene(path, lost.strict)
+            made.scene.warnings.extend(meshes[path].warnings)
+    except SolariError as error:
+        lost.add(error)
+        return
     names = {name: getattr(instance, name) for name in ("label", "part_of")}
     for number, part in enumerate(meshes[path]):
         where = instance.transform @ scale @ part.transform
@@ -151,9 +158,8 @@ def _scale(text: str | None, who: str) -> list[float]:
     return values
 
 
-def _material(element: Element | None, folder: Folder, warnings: list[str]) -> Material | None:
-    """The material of an element with a color or a texture; None for a name that nothing defines. warnings: get what
-    is said of a texture that is left out."""
+def _material(element: Element | None, folder: Folder, lost: Lost) -> Material | None:
+    """The material of an element with a color or a texture; None for a name that nothing defines."""
     if element is None:
         return None
     fields: dict[str, Any] = {"name": str(element.get("name") or "")}
@@ -173,8 +179,7 @@ def _material(element: Element | None, folder: Folder, warnings: list[str]) -> M
             fields["base_color_texture"] = folder.find(str(texture.get("filename")), (folder.near,), what)
             fields.setdefault("base_color", 1.0)
         except SolariError as error:
-            remark = f"{error}; it is left out"
-            warnings.extend([remark] if remark not in warnings else [])
+            lost.add(error)
     return Material(**fields) if len(fields) > 1 else None
 
 
@@ -186,6 +191,22 @@ def _mesh_scene(path: Path, strict: bool) -> Scene:
     options: dict[str, Any] = {"up": "y"} if kind in (".obj", ".stl", ".ply") else {}
     found: Scene = read_file(path, strict=strict, **options)
     return found
+
+
+class Lost:
+    """What can't be read is left out with a warning, or is an error."""
+
+    def __init__(self, warnings: list[str], strict: bool) -> None:
+        self._warnings = warnings
+        self.strict = strict
+        self.first: SolariError | None = None
+
+    def add(self, error: SolariError) -> None:
+        if self.strict:
+            raise error
+        self.first = self.first or error
+        remark = f"{error}; it is left out"
+        self._warnings.extend([remark] if remark not in self._warnings else [])
 
 
 class _Images:
