@@ -424,8 +424,8 @@ def test_bad_urdf_gets_one_line(package, change, message):
 
 
 def test_urdf_with_what_robots_have(package):
-    """A texture or a mesh that is missing is left out, and said, unless strict; a floating joint keeps its initial pose;
-    a file without meshes leaves nothing."""
+    """A texture or a mesh that is missing is left out, and said, unless strict; a floating joint keeps its initial
+    pose; a file without meshes leaves nothing."""
     textured = '<material name="m"><texture filename="none.png"/></material></visual>'
     text = URDF.replace('<material name="blue"/></visual>', textured).replace("revolute", "floating")
     package.write_text(text)
