@@ -122,8 +122,7 @@ class Rig:
     def inside_out(self, mesh: Mesh) -> Mesh:
         """The mesh whose front is where the other one's back is; always the same one, and back again."""
         if mesh not in self._inside_out:
-            tangents = None if mesh.tangents is None else mesh.tangents * np.array((1, 1, 1, -1), np.float32)
-            turned = dataclasses.replace(mesh, triangles=mesh.triangles[:, ::-1], tangents=tangents)
+            turned = turned_inside_out(mesh)
             self._inside_out |= {mesh: turned, turned: mesh}
         return self._inside_out[mesh]
 
@@ -271,6 +270,12 @@ class Rig:
             lights.add(light)
         elif has_changed and not shown and is_in_scene:
             lights.remove(light)
+
+
+def turned_inside_out(mesh: Mesh) -> Mesh:
+    """A copy whose front is where the mesh's back is."""
+    tangents = None if mesh.tangents is None else mesh.tangents * np.array((1, 1, 1, -1), np.float32)
+    return dataclasses.replace(mesh, triangles=mesh.triangles[:, ::-1], tangents=tangents)
 
 
 def placed_light(light: Light, world: Matrix) -> dict[str, Matrix]:

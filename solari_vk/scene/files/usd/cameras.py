@@ -18,11 +18,14 @@ _TENTH = 0.1  # of the stage's unit: that of lenses and films
 _EXPOSURE = ("exposure", "exposure:time", "exposure:iso", "exposure:fStop", "exposure:responsivity")
 LENS = (
     "focalLength",
+    "clippingRange",
+    "horizontalAperture",
     "verticalAperture",
     "horizontalApertureOffset",
     "verticalApertureOffset",
     "focusDistance",
     "fStop",
+    *_EXPOSURE,
 )
 _SMALLEST, _LARGEST = 1e-4, math.pi - 1e-4  # radians
 
@@ -37,20 +40,11 @@ def make_camera(prim: Any, world: Matrix, time: Any, unit: float, report: Report
         report.add("stereo roles of cameras have no effect", f"<{prim.GetPath()}>")
     if camera.GetClippingPlanesAttr().Get(time):
         report.add("clipping planes of cameras have no effect", f"<{prim.GetPath()}>")
-    near = float(camera.GetClippingRangeAttr().Get(time)[0]) * unit
-    fields = lens(prim, time, unit)
-    height = fields.get("orthographic_height", 0.0)
-    return Camera(
-        transform=place,
-        name=prim.GetName(),
-        # Depths of orthographic cameras are ratios to the near plane's, which may be at 0.
-        near=min(max(near, 1e-6 * height, 1e-9), 1e15),
-        **fields,
-    )
+    return Camera(transform=place, name=prim.GetName(), **lens(prim, time, unit))
 
 
 def lens(prim: Any, time: Any, unit: float) -> dict[str, Any]:
-    """The fields of a camera at a time that the lens, the film and the exposure make."""
+    """The fields of a camera at a time that the lens, the film and the exposure make, the same ones at each time."""
     camera = UsdGeom.Camera(prim)
     width, height = (
         float(camera.GetPrim().GetAttribute(f"{side}Aperture").Get(time)) for side in ("horizontal", "vertical")
@@ -61,17 +55,19 @@ def lens(prim: Any, time: Any, unit: float) -> dict[str, Any]:
     offsets = np.array(
         [camera.GetHorizontalApertureOffsetAttr().Get(time), camera.GetVerticalApertureOffsetAttr().Get(time)]
     )
-    fields: dict[str, Any] = {}
-    if offsets.any():
-        # The film moves to the right and up, so that the view axis is left of and below its middle.
-        fields["principal_point"] = 0.5 + offsets / (width, height) * (-1, 1)
+    # The film moves to the right and up, so that the view axis is left of and below its middle.
+    fields: dict[str, Any] = {"principal_point": 0.5 + offsets / (width, height) * (-1, 1)}
     if camera.GetProjectionAttr().Get(time) == UsdGeom.Tokens.orthographic:
         fields["orthographic_height"] = height * _TENTH * unit
     else:
         fields["vertical_fov"] = min(max(2 * math.atan(height / 2 / focal), _SMALLEST), _LARGEST)
         stop, distance = float(camera.GetFStopAttr().Get(time)), float(camera.GetFocusDistanceAttr().Get(time)) * unit
-        if stop > 0 and distance > 1e-9:
-            fields |= {"aperture": focal * _TENTH * unit / stop, "focus_distance": distance}
+        is_sharp = stop <= 0 or distance <= 1e-9
+        fields["aperture"] = 0.0 if is_sharp else focal * _TENTH * unit / stop
+        fields["focus_distance"] = max(distance, 1e-9) if distance > 0 else 1.0
+    # Depths of orthographic cameras are ratios to the near plane's, which may be at 0.
+    near = float(camera.GetClippingRangeAttr().Get(time)[0]) * unit
+    fields["near"] = min(max(near, 1e-6 * fields.get("orthographic_height", 0.0), 1e-9), 1e15)
     if any(prim.GetAttribute(name).HasAuthoredValue() for name in _EXPOSURE):
         # Pictures of a stage show nits times this scale, those of the scene divide by 1.2 2^EV100.
         scale = float(camera.ComputeLinearExposureScale(time))

@@ -12,7 +12,7 @@ from solari_vk.base.errors import SolariError
 from solari_vk.scene.files.gltf.report import Report
 from solari_vk.scene.files.usd.motion import Matrix, Motion, sampled
 
-_MOVING = ("positions", "orientations", "orientationsf", "scales")
+MOVING = ("positions", "orientations", "orientationsf", "scales")
 _BYTES_PER_POINT = 128
 
 
@@ -21,7 +21,7 @@ def repetitions(
 ) -> tuple[bool, list[float], Matrix]:
     """Whether points move, the time codes, and matrices (K, N, 4, 4) of N = `count` points at these, or at rest."""
     place = f"<{instancer.GetPath()}>"
-    codes = motion.codes(sampled({name: instancer.GetPrim().GetAttribute(name) for name in _MOVING}))
+    codes = motion.codes(sampled({name: instancer.GetPrim().GetAttribute(name) for name in MOVING}))
     times = [Usd.TimeCode(code) for code in codes] or [motion.time]
     charge(_BYTES_PER_POINT * count * len(times), f"{who}: {place}", f"{count:,} points")
     leave, all_points = UsdGeom.PointInstancer.ExcludeProtoXform, UsdGeom.PointInstancer.IgnoreMask

@@ -7,7 +7,6 @@ from typing import Any
 
 from pxr import Kind, Usd, UsdSemantics
 
-from solari_vk.scene.files.gltf.report import Report
 from solari_vk.scene.group import distinct
 
 _FIRST = "class"  # the taxonomy whose labels are preferred
@@ -16,9 +15,8 @@ _FIRST = "class"  # the taxonomy whose labels are preferred
 class Labels:
     """Reads the semantics of prims. Those of a prim hold for all below it that have none."""
 
-    def __init__(self, stage: Any, time: Any, report: Report) -> None:
+    def __init__(self, time: Any) -> None:
         self._time = time
-        self._report = report
 
     def place(self, place: Any, objects: dict[str, int]) -> Any:
         """The place with the label of its prim and the object that begins there: at a label, or a component."""

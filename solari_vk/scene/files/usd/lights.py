@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from pathlib import PurePath
 from typing import Any
 
 import numpy as np
@@ -16,7 +15,7 @@ from solari_vk.scene import checks, shapes
 from solari_vk.scene.files.gltf.image_lights import unroll_cube
 from solari_vk.scene.files.gltf.report import Report
 from solari_vk.scene.files.usd.motion import Matrix
-from solari_vk.scene.files.usd.textures import Files
+from solari_vk.scene.files.usd.textures import Files, file_name
 from solari_vk.scene.images.mip_chain import srgb_of_linear
 from solari_vk.scene.images.radiance_files import LITTLE_NEGATIVE, light_of, read_colors
 from solari_vk.scene.lights.environment import Environment, directions
@@ -25,7 +24,6 @@ from solari_vk.scene.lights.portal import Portal
 from solari_vk.scene.lights.profile import LightProfile
 from solari_vk.scene.lights.punctual import MIN_RADIUS, PointLight, SpotLight
 from solari_vk.scene.matrices import nearest_rotation, rotation, upright
-from solari_vk.scene.meshes.smoothing import area_vectors
 from solari_vk.scene.model import DirectionalLight, Instance, Material, Mesh, Texture, TextureImage
 
 BRIGHTEST = 1e15  # in lux or cd, of the scene's lights
@@ -35,6 +33,9 @@ _HARD_EDGE = 1e-3
 _SUN = math.pi  # the largest angular diameter of the scene's suns
 _UNSEEN = {"inputs:diffuse": 1.0, "inputs:specular": 1.0, "inputs:shadow:enable": True}
 _MAP_ROWS = 512  # of domes whose pictures have another layout
+_BRIGHTNESS = ("intensity", "exposure", "color", "enableColorTemperature", "colorTemperature", "normalize")
+PLAYED = tuple(f"inputs:{name}" for name in (*_BRIGHTNESS, "radius", "angle"))
+"""The inputs that suns, points and spotlights have at each time."""
 
 
 class Lights:
@@ -47,6 +48,12 @@ class Lights:
         self._unit = unit
         self._shapes: dict[Any, Mesh] = {}
         self._maps: dict[str, Any] = {}
+
+    def _file(self, prim: Any, name: str) -> str:
+        """The place of the file that an input names, "" without one."""
+        found = (prim.GetAttribute(own) for own in (f"inputs:{name}", name))
+        attribute = next((one for one in found if one and one.HasAuthoredValue()), None)
+        return self._files.place(attribute, self._time)
 
     def value(self, prim: Any, name: str, default: Any, time: Any = None) -> Any:
         """An input of a light; files before 2021 have names without "inputs:"."""
@@ -110,14 +117,14 @@ class Lights:
         return None
 
     def fields(self, prim: Any, light: Any, world: Matrix, time: Any) -> dict[str, Any]:
-        """The fields of a light at a time that its own inputs change, but not its shape."""
+        """The fields of a sun, point or spotlight at a time that its own inputs change, but not its shape."""
         outer, self._time = self._time, time
         try:
-            made = self.make(prim, world)
+            if isinstance(light, DirectionalLight):
+                return self._sun(prim)
+            return self._glow(prim, float(np.linalg.norm(world[:3, :3], axis=0).mean()), light.profile)
         finally:
             self._time = outer
-        names = ("intensity", "illuminance", "color", "radius", "angular_diameter")
-        return {name: getattr(made, name) for name in names if hasattr(light, name)}
 
     def _length(self, prim: Any, name: str, default: float) -> float:
         value = float(self.value(prim, name, default))
@@ -167,7 +174,7 @@ class Lights:
         if prim.GetTypeName() == "DomeLight_1":
             axis = str(prim.GetAttribute("poleAxis").Get())
             axis = str(UsdGeom.GetStageUpAxis(prim.GetStage())) if axis == "scene" else axis
-        place = self._files.resolved(self.value(prim, "texture:file", None))
+        place = self._file(prim, "texture:file")
         image: Any = np.ones((1, 1, 3), np.float32)
         if place:
             layout = str(self.value(prim, "texture:format", "automatic"))
@@ -176,8 +183,10 @@ class Lights:
         turn = rotation((0, 1, 0), -math.pi / 2)
         if axis == "Z":
             turn = rotation((1, 0, 0), math.pi / 2) @ turn
-        lengths = np.linalg.norm(world[:3, :3], axis=0)
-        whole = nearest_rotation(world[:3, :3] / lengths) @ turn
+        axes = world[:3, :3] / np.linalg.norm(world[:3, :3], axis=0)
+        if np.linalg.det(axes) < 0:  # what mirrors the dome mirrors its picture from left to right
+            image, axes = image[:, ::-1], axes @ np.diag((-1, 1, 1))
+        whole = nearest_rotation(axes) @ turn
         return Environment(
             (image * color).clip(0, checks.LARGEST_RADIANCE),
             intensity=min(light, 1e9),
@@ -188,10 +197,10 @@ class Lights:
     def _map(self, place: str, layout: str, where: str) -> Any:
         """The picture (H, W, 3) of a dome by longitude and latitude, +z of the dome in the middle; white (reported) for
         one that can't be read."""
-        name = place.rstrip("]")
+        name = file_name(place)
         try:
-            colors = read_colors(PurePath(name.rsplit("[", 1)[-1]).name, self._files.read(place), "a dome's picture")
-            image, is_clipped = light_of(colors, f"{self._files.folder.file}: {where}: {PurePath(name).name}")
+            colors = read_colors(name, self._files.read(place), "a dome's picture")
+            image, is_clipped = light_of(colors, f"{self._files.folder.file}: {where}: {name}")
         except SolariError as error:
             self._report.lost("domes whose picture can't be read are white", error)
             return np.ones((1, 1, 3), np.float32)
@@ -206,22 +215,10 @@ class Lights:
     # ---- lamps --------------------------------------------------------------------------------------
 
     def _ball(self, prim: Any, world: Matrix, place: Matrix, scale: float) -> Light:
-        """A sphere of one luminance, which has the intensity of a disk of its radius."""
-        light, color = self.luminance(prim)
-        radius = self._length(prim, "radius", 0.5) * scale
-        candela = light * math.pi * radius**2
-        if self.value(prim, "normalize", False):
-            # Over the area in units of the stage, 4 pi r^2: the radius cancels.
-            candela = light / 4 * self._unit**2
-        is_point = bool(prim.GetAttribute("treatAsPoint").Get()) or radius < MIN_RADIUS
-        fields: dict[str, Any] = {
-            "color": color,
-            "name": prim.GetName(),
-            "radius": 0.0 if is_point else min(radius, 1e6),
-        }
+        """A sphere of one luminance."""
         direction, horizontal = (axis.astype(np.float32) for axis in (-place[:3, 2], place[:3, 0]))
-        profile, factor, cone = self._shaping(prim)
-        fields["intensity"] = self._limited(candela * factor, prim)
+        profile, cone = self._shaping(prim)
+        fields = {"name": prim.GetName(), **self._glow(prim, scale, profile)}
         if cone is not None:
             return SpotLight(
                 world[:3, 3], direction, outer_cone_angle=cone, inner_cone_angle=cone * (1 - _HARD_EDGE), **fields
@@ -230,9 +227,29 @@ class Lights:
             fields |= {"profile": profile, "direction": direction, "horizontal": horizontal}
         return PointLight(world[:3, 3], **fields)
 
-    def _shaping(self, prim: Any) -> tuple[LightProfile | None, float, float | None]:
-        """The profile of a sphere's light, a factor of its intensity, and the angle of a cone with a hard edge in its
-        place."""
+    def _glow(self, prim: Any, scale: float, profile: LightProfile | None) -> dict[str, Any]:
+        """The intensity of a sphere, which is that of a disk of its radius, its color and its radius."""
+        light, color = self.luminance(prim)
+        radius = self._length(prim, "radius", 0.5) * scale
+        candela = light * math.pi * radius**2
+        if self.value(prim, "normalize", False):
+            # Over the area in units of the stage, 4 pi r^2: the radius cancels.
+            candela = light / 4 * self._unit**2
+        if not candela and light:
+            self._report.add("spheres of light with a radius of 0 are dark without `normalize`", f"<{prim.GetPath()}>")
+        if profile is not None:
+            # A sample of the profile is a factor of the luminance.
+            has_unit = bool(self._file(prim, "shaping:ies:file")) and self.value(prim, "shaping:ies:normalize", False)
+            candela *= 1 / max(profile.solid_angle, 1e-30) if has_unit else profile.peak
+        is_point = bool(prim.GetAttribute("treatAsPoint").Get()) or radius < MIN_RADIUS
+        return {
+            "intensity": self._limited(candela, prim),
+            "color": color,
+            "radius": 0.0 if is_point else min(radius, 1e6),
+        }
+
+    def _shaping(self, prim: Any) -> tuple[LightProfile | None, float | None]:
+        """The profile of a sphere's light, or the angle of a cone with a hard edge in its place."""
         where = f"<{prim.GetPath()}>"
         focus = max(float(self.value(prim, "shaping:focus", 0.0)), 0.0)
         has_cone = prim.HasAPI(UsdLux.ShapingAPI) or prim.GetAttribute("inputs:shaping:cone:angle").HasAuthoredValue()
@@ -242,7 +259,7 @@ class Lights:
             else math.pi
         )
         softness = min(max(float(self.value(prim, "shaping:cone:softness", 0.0)), 0.0), 1.0)
-        file = self._files.resolved(self.value(prim, "shaping:ies:file", None))
+        file = self._file(prim, "shaping:ies:file")
         if any(self.value(prim, "shaping:focusTint", (0, 0, 0))):
             self._report.add("tints of focused light (focusTint) have no effect", where)
         if file:
@@ -250,78 +267,79 @@ class Lights:
                 self._report.add("angle scales of profiles (IES) have no effect", where)
             if focus > 0 or softness > 0 or (has_cone and angle < math.pi / 2):
                 self._report.add("of lights with a profile (IES), cones and focus have no effect", where)
-            return self._profile(prim, file)
-        if focus == 0 and softness == 0:
-            return None, 1.0, angle if angle <= math.pi / 2 else None
+            return self._profile(file, where), None
+        if focus == 0 and softness == 0 and angle == math.pi:
+            return None, None
+        if focus == 0 and softness == 0 and angle <= math.pi / 2:
+            return None, angle
         polar = np.linspace(0, math.pi, 721)
         shares = np.abs(np.cos(polar)) ** focus
         start = angle * (1 - softness)
         if angle < math.pi or softness > 0:
             t = np.clip((polar - start) / max(angle - start, 1e-6), 0, 1)
             shares = shares * (1 - t * t * (3 - 2 * t))
-        return LightProfile(np.degrees(polar), [0.0], shares[None], name=f"{prim.GetName()} shaping"), 1.0, None
+        return LightProfile(np.degrees(polar), [0.0], shares[None], name=f"{prim.GetName()} shaping"), None
 
-    def _profile(self, prim: Any, file: str) -> tuple[LightProfile | None, float, None]:
-        where = f"<{prim.GetPath()}>"
+    def _profile(self, file: str, where: str) -> LightProfile | None:
         try:
             who = f"{self._files.folder.file}: {where}"
-            profile = LightProfile.parse(self._files.read(file), who, lambda text: self._report.add(text, where))
+            return LightProfile.parse(self._files.read(file), who, lambda text: self._report.add(text, where))
         except SolariError as error:
             self._report.lost("profiles that can't be read have no effect", error)
-            return None, 1.0, None
-        # A sample of the profile is a factor of the luminance.
-        power = profile.peak * profile.solid_angle if self.value(prim, "shaping:ies:normalize", False) else 1.0
-        return profile, profile.peak / max(power, 1e-30), None
+            return None
 
     def _lamp(self, prim: Any, world: Matrix, mesh: Mesh) -> Instance:
         """A surface that emits on its front."""
         where = f"<{prim.GetPath()}>"
         light, color = self.luminance(prim)
         if self.value(prim, "normalize", False):
-            light /= max(self.area(mesh, world), 1e-30)
+            light /= max(self.area(mesh.positions[mesh.triangles], world), 1e-30)
         shaped = [name for name in ("focus", "ies:file") if self.value(prim, f"shaping:{name}", None)]
         angle = prim.GetAttribute("inputs:shaping:cone:angle")
         limit = 90.0 if prim.GetTypeName() in ("RectLight", "DiskLight") else 180.0
         if shaped or (angle and angle.HasAuthoredValue() and angle.Get(self._time) < limit):
             self._report.add("shaping is left out but for spheres: the light shines in all directions in front", where)
         material = self.emissive(light, color, prim)
-        file = self._files.resolved(self.value(prim, "texture:file", None))
+        file = self._file(prim, "texture:file")
         if file:
             self._add_picture(material, file, where)
         return Instance(mesh, material, world, name=prim.GetName())
 
     def emissive(self, light: float, color: NDArray[Any], prim: Any) -> Material:
         """A black surface of a luminance."""
-        radiance = light * color.astype(np.float64)
-        if radiance.max() > checks.LARGEST_RADIANCE:
-            limit = checks.LARGEST_RADIANCE
-            self._report.add(f"lamps brighter than {limit:g} cd/m^2 are dimmed to that", f"<{prim.GetPath()}>")
-            radiance *= limit / radiance.max()
         black: Any = 0.0
-        shown = radiance.astype(np.float32)
+        shown = self._dimmed(light * color.astype(np.float64), prim)
         return Material(base_color=black, specular=0.0, perceptual_roughness=1.0, emissive=shown, name=prim.GetName())
 
-    def mesh_light(self, prim: Any, material: Material, shape: Mesh, world: Matrix) -> Material:
-        """The material of a mesh that is a light."""
+    def _dimmed(self, radiance: NDArray[np.float64], prim: Any) -> NDArray[np.float32]:
+        limit = checks.LARGEST_RADIANCE
+        if radiance.max() > limit:
+            self._report.add(f"lamps brighter than {limit:g} cd/m^2 are dimmed to that", f"<{prim.GetPath()}>")
+            radiance = radiance * (limit / radiance.max())
+        return radiance.astype(np.float32)
+
+    def mesh_light(self, prim: Any, material: Material, corners: NDArray[Any], world: Matrix) -> Material:
+        """The material of a mesh that is a light. corners (M, 3, 3): of all its triangles."""
+        self._remark(prim)
         light, color = self.luminance(prim)
         if self.value(prim, "normalize", False):
-            light /= max(self.area(shape, world), 1e-30)
+            light /= max(self.area(corners, world), 1e-30)
         mode = str(prim.GetAttribute("light:materialSyncMode").Get() or "")
         if mode == "noMaterialResponse":
             return self.emissive(light, color, prim)
-        emissive = light * color
+        emissive = light * color.astype(np.float64)
         if mode == "materialGlowTintsLight" and material.emissive.any():
-            emissive = emissive * material.emissive
-        return dataclasses.replace(material, emissive=np.clip(emissive, 0, checks.LARGEST_RADIANCE))
+            return dataclasses.replace(material, emissive=self._dimmed(emissive * material.emissive, prim))
+        return dataclasses.replace(material, emissive=self._dimmed(emissive, prim), emissive_texture=None)
 
-    def area(self, mesh: Mesh, world: Matrix) -> float:
-        """In squares of the stage's unit, as `normalize` means it."""
-        moved = mesh.positions @ world[:3, :3].T
-        return float(np.linalg.norm(area_vectors(moved, mesh.triangles), axis=1).sum() / 2) / self._unit**2
+    def area(self, corners: NDArray[Any], world: Matrix) -> float:
+        """Of triangles (M, 3, 3), in squares of the stage's unit, as `normalize` means it."""
+        a, b, c = (corners @ world[:3, :3].T).swapaxes(0, 1)
+        return float(np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / 2) / self._unit**2
 
     def _add_picture(self, material: Material, file: str, where: str) -> None:
         try:
-            name = PurePath(file.rstrip("]").rsplit("[", 1)[-1]).name
+            name = file_name(file)
             colors = read_colors(name, self._files.read(file), "a lamp's picture").clip(0, None)
         except SolariError as error:
             self._report.lost("pictures of lamps that can't be read are white", error)
@@ -335,7 +353,7 @@ class Lights:
     def _shape(self, kind: str, *sizes: float) -> Mesh:
         if (kind, sizes) not in self._shapes:
             if 0 in sizes:
-                raise SolariError(f"a {kind} of light has a size of 0")
+                raise SolariError(f"a {kind} of light has a size of 0: give it one above 0")
             self._shapes[kind, sizes] = _SHAPES[kind](*sizes)
         return self._shapes[kind, sizes]
 

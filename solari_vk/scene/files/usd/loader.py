@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -11,31 +12,32 @@ from typing import Any
 import numpy as np
 from pxr import Tf, Usd, UsdGeom, UsdLux, UsdShade, UsdSkel, UsdUtils
 
-from solari_vk.base.budget import charge
+from solari_vk.base.budget import BudgetError, charge
 from solari_vk.base.errors import SolariError
 from solari_vk.scene import checks
 from solari_vk.scene.files.gltf.report import Report
 from solari_vk.scene.files.usd.cameras import LENS, lens, make_camera
-from solari_vk.scene.files.usd.instancers import repetitions
+from solari_vk.scene.files.usd.geometry import Geometry
+from solari_vk.scene.files.usd.instancers import MOVING, repetitions
 from solari_vk.scene.files.usd.labels import Labels
-from solari_vk.scene.files.usd.lights import Lights
+from solari_vk.scene.files.usd.lights import PLAYED, Lights
 from solari_vk.scene.files.usd.materials import Materials
-from solari_vk.scene.files.usd.motion import Matrix, Motion, matrix, sampled
+from solari_vk.scene.files.usd.motion import Matrix, Motion, matrix, report_unplayed, sampled
 from solari_vk.scene.files.usd.places import Hierarchy, Place
 from solari_vk.scene.files.usd.skins import Skins
 from solari_vk.scene.files.usd.stage import composition_faults, open_stage, reason
-from solari_vk.scene.files.usd.surfaces import Simple, Surface, shape_mesh, simple_shape
-from solari_vk.scene.files.usd.textures import Files, Textures
+from solari_vk.scene.files.usd.textures import Files
 from solari_vk.scene.group import distinct
 from solari_vk.scene.lights.environment import EnvironmentLight
+from solari_vk.scene.lights.punctual import PunctualLight
 from solari_vk.scene.matrices import rotation
-from solari_vk.scene.model import Instance, Light, Mesh, Scene
+from solari_vk.scene.model import DirectionalLight, Instance, Light, Mesh, Scene
 
 _BYTES_PER_PRIM, _BYTES_PER_INSTANCE = 512, 4096
 _WRONG = "prims with wrong data are left out"
-_SHOWN = {"default", "render"}
 # Also below prims that are only given a place by `over`, where prototypes stand.
-_PRIMS = Usd.TraverseInstanceProxies(Usd.PrimIsActive & Usd.PrimIsLoaded & Usd.PrimHasDefiningSpecifier)
+_SHARED = Usd.PrimIsActive & Usd.PrimIsLoaded & Usd.PrimHasDefiningSpecifier & ~Usd.PrimIsAbstract
+_PRIMS = Usd.TraverseInstanceProxies(_SHARED)
 _NO_TURN: Matrix = np.eye(4)
 
 
@@ -70,14 +72,12 @@ class _Loader:
         if not 1e-12 <= self._unit <= 1e12:
             raise folder.error(f"has {self._unit:g} meters per unit: give it a number from 1e-12 to 1e12")
         files = Files(folder)
-        self._textures = Textures(files, self._report)
-        self._materials = Materials(self._textures, self._report, self._time)
         self._lights = Lights(files, self._report, self._time, self._unit)
         self._skins = Skins(self._motion, self._report, self._file)
-        self._labels = Labels(self._stage, self._time, self._report)
-        self._surfaces: dict[Any, Surface | SolariError] = {}
-        self._meshes: dict[Any, tuple[Mesh, Any]] = {}
-        self._shapes: dict[Simple, Mesh] = {}
+        materials = Materials(files, self._report, self._time)
+        self._geometry = Geometry(materials, self._lights, self._skins, self._report, self._time, self._file)
+        self._labels = Labels(self._time)
+        self._shown = {"default", "render"}
         self._objects: dict[str, int] = {}
         self._hierarchy = Hierarchy()
         self._placed: dict[Any, Place] = {}  # of skeletons
@@ -88,12 +88,12 @@ class _Loader:
             self._top[:3, :3] = self._top[:3, :3] @ rotation((1, 0, 0), -np.pi / 2)
 
     def load(self) -> Scene:
-        root = Place(self._stage.GetPseudoRoot(), self._top)
-        hidden = self._add_below(root, _SHOWN)
-        if not self._scene.instances and "proxy" in hidden:
-            self._report.add("there are only proxies, which are shown", hidden["proxy"])
-            self._add_below(root, {"proxy"})
-        for purpose, path in hidden.items() if not self._scene.instances else ():
+        purposes = self._purposes()
+        if not self._shown & purposes.keys() and "proxy" in purposes:
+            self._report.add("there are only proxies, which are shown", purposes["proxy"])
+            self._shown.add("proxy")
+        self._add_below(Place(self._stage.GetPseudoRoot(), self._top))
+        for purpose, path in purposes.items() if not self._shown & purposes.keys() else ():
             self._report.add(f"there is nothing to see but prims of the purpose {purpose}, which are left out", path)
         if self._report.first_error and not self._scene.instances:
             raise self._report.first_error
@@ -104,17 +104,39 @@ class _Loader:
 
     # ---- where prims are ----------------------------------------------------------------------------
 
-    def _add_below(self, root: Place, purposes: set[str]) -> dict[str, str]:
-        """Add what is at and below a prim. Returns the purposes that are left out, each with a path."""
-        hidden: dict[str, str] = {}
-        found = list(self._walk(root, hidden, purposes))
+    def _purposes(self) -> dict[str, str]:
+        """The purposes of surfaces and shapes, each with a path, up to the first of one that is shown."""
+        found: dict[str, str] = {}
+        waiting = [(self._stage.GetPseudoRoot(), "default")]
+        seen = set()  # of the prototypes of instances, and of instancers, which may repeat each other
+        while waiting and not self._shown & found.keys():
+            prim, purpose = waiting.pop()
+            charge(0, self._file, "its prims")  # looks at the time
+            if prim.IsA(UsdGeom.Gprim):
+                found.setdefault(purpose, str(prim.GetPath()))
+            if prim.IsA(UsdGeom.PointInstancer):
+                targets = UsdGeom.PointInstancer(prim).GetPrototypesRel().GetForwardedTargets()
+                children = [self._stage.GetPrimAtPath(path) for path in targets]
+            else:
+                children = (prim.GetPrototype() if prim.IsInstance() else prim).GetFilteredChildren(_SHARED)
+            for child in filter(bool, children):
+                key = child.GetPath(), _purpose(child, purpose)
+                if key not in seen:
+                    seen.add(key)
+                    waiting.append((child, key[1]))
+        return found
+
+    def _add_below(self, root: Place) -> None:
+        """Add what is at and below a prim."""
+        self._add_all(list(self._walk(root)))
+
+    def _add_all(self, found: list[Place]) -> None:
         # Meshes may stand before their skeletons.
         self._placed |= {place.prim.GetPath(): place for place in found if place.prim.IsA(UsdSkel.Skeleton)}
         for place in found:
             self._add(place)
-        return hidden
 
-    def _walk(self, root: Place, hidden: dict[str, str], purposes: set[str]) -> Iterator[Place]:
+    def _walk(self, root: Place) -> Iterator[Place]:
         """Prims with a place at and below a root, parents first."""
         waiting = [root]
         while waiting:
@@ -123,19 +145,12 @@ class _Loader:
             charge(_BYTES_PER_PRIM, self._file, "its prims")  # looks at the time, too
             if prim.IsA(UsdShade.Material) or prim.IsA(UsdShade.Shader) or prim.IsA(UsdGeom.Subset):
                 continue
-            if place.purpose not in _SHOWN | {"proxy"}:
-                hidden.setdefault(place.purpose, str(prim.GetPath()))
-                continue
-            if place.purpose in purposes or place.purpose == "default":
+            if place.purpose in self._shown:
                 yield place
-            else:
-                hidden.setdefault(place.purpose, str(prim.GetPath()))
             if prim.IsA(UsdGeom.PointInstancer):
                 continue  # its prototypes are only shown by it
             with self._report.costs(_WRONG):
-                below = [
-                    self._below(place, child) for child in prim.GetFilteredChildren(_PRIMS) if not child.IsAbstract()
-                ]
+                below = [self._below(place, child) for child in prim.GetFilteredChildren(_PRIMS)]
                 waiting += [child for child in reversed(below) if child is not None]
 
     def _below(self, parent: Place, prim: Any) -> Place | None:
@@ -149,9 +164,7 @@ class _Loader:
         imageable = UsdGeom.Imageable(prim)
         if not imageable:
             return place
-        purpose = imageable.GetPurposeAttr()
-        if purpose.HasAuthoredValue():
-            place = replace(place, purpose=str(purpose.Get()))
+        place = replace(place, purpose=_purpose(prim, place.purpose))
         local, moves, resets = _NO_TURN, False, False
         xform = UsdGeom.Xformable(prim)
         if xform:
@@ -165,17 +178,25 @@ class _Loader:
         blinks = seen.ValueMightBeTimeVarying()
         shown = seen.Get(self._time) != UsdGeom.Tokens.invisible
         base = self._top if resets else parent.world
-        row = None if resets else parent.row
+        row, above = parent.row, parent.visible
+        if resets:
+            # What is above doesn't move it, but still hides it.
+            row, above = None, parent.steady
+            for codes, flags in parent.blinks:
+                row = self._motion.row(row, _NO_TURN, base, above)
+                self._motion.show(row, codes, flags)
         if moves or blinks or row is not None:
-            row = self._motion.row(row, local, base, parent.visible, shown)
+            row = self._motion.row(row, local, base, above, shown)
         with np.errstate(over="ignore", invalid="ignore"):
             place = replace(place, world=base @ local, row=row, visible=parent.visible and shown)
         if moves and row is not None:
             self._motion.transforms(prim, row)
         if blinks and row is not None:
             codes = self._motion.codes(seen.GetTimeSamples())
-            self._motion.show(row, codes, [seen.Get(code) != UsdGeom.Tokens.invisible for code in codes])
-        return place
+            flags = [seen.Get(code) != UsdGeom.Tokens.invisible for code in codes]
+            self._motion.show(row, codes, flags)
+            return replace(place, blinks=(*place.blinks, (codes, flags)))
+        return replace(place, steady=parent.steady and shown)
 
     def _place_of(self, prim: Any) -> tuple[Matrix, int | None]:
         """The matrix of a prim to the world, and the row of it or of what is above it that moves."""
@@ -190,19 +211,33 @@ class _Loader:
     def _add(self, place: Place) -> None:
         """Add what a prim is."""
         prim = place.prim
-        with self._report.costs(_WRONG):
+        with self._report.costs(_WRONG), self._named(prim):
+            played: tuple[str, ...] = ()
             if prim.IsA(UsdSkel.Root):
                 self._skins.prepare(prim)
-            if prim.IsA(UsdGeom.Mesh) or prim.IsA(UsdGeom.TetMesh):
-                self._add_surface(place)
+            if prim.IsA(UsdGeom.Gprim):
+                self._add_geometry(place)
             elif prim.IsA(UsdGeom.PointInstancer):
                 self._add_repeated(place)
+                played = MOVING
             elif prim.IsA(UsdGeom.Camera):
                 self._add_camera(place)
-            elif prim.HasAPI(UsdLux.LightAPI) and not prim.IsA(UsdGeom.Gprim):
-                self._add_light(place)
-            elif prim.IsA(UsdGeom.Gprim):
-                self._add_shape(place)
+                played = LENS
+            elif prim.HasAPI(UsdLux.LightAPI):
+                played = self._add_light(place)
+            if not prim.IsA(UsdSkel.Animation):
+                report_unplayed(self._report, prim, played)
+
+    @contextmanager
+    def _named(self, prim: Any) -> Iterator[None]:
+        """Errors within this context name the prim."""
+        path = f"<{prim.GetPath()}>"
+        try:
+            yield
+        except SolariError as error:
+            if "<" in str(error) or isinstance(error, BudgetError):
+                raise
+            raise SolariError(f"{self._file}: {path}: {str(error).removeprefix(f'{self._file}: ')}") from None
 
     def _add_camera(self, place: Place) -> None:
         prim = place.prim
@@ -216,102 +251,49 @@ class _Loader:
     def _follow(self, place: Place, item: Any) -> None:
         """Add an object that stands at a place, and have it move with that."""
         row = place.row
-        if row is None and not place.visible and not isinstance(item, Instance):
+        is_dark = isinstance(item, Light) and not place.visible
+        if is_dark and row is None:
             return
         if row is not None:
             self._motion.later.append(lambda rig: rig.attach(item, row, shown=place.visible))
         self._hierarchy.add(place, item)
-        if place.visible or isinstance(item, Instance):
+        if not is_dark:
             self._scene.add(item)
 
-    def _add_light(self, place: Place) -> None:
+    def _add_light(self, place: Place) -> tuple[str, ...]:
+        """Add a light. Returns the names of the inputs that may be animated."""
+        where = f"<{place.prim.GetPath()}>"
         light = self._lights.make(place.prim, place.world)
-        if light is None:
-            return
         if isinstance(light, EnvironmentLight):
             if self._scene.environment is not None:
-                self._report.add("domes beside the first one are left out", f"<{place.prim.GetPath()}>")
+                self._report.add("domes beside the first one are left out", where)
             elif place.visible:
                 self._scene.environment = light
-            return
+            if place.row is not None:
+                self._report.add("domes neither move nor blink: they are as at the start", where)
+            return ()
+        if light is None:
+            return ()
         if isinstance(light, Instance):
             light.update(visible=place.visible, label=place.label, part_of=place.part_of)
         self._follow(place, light)
-        inputs = [name for name in place.prim.GetPropertyNames() if name.startswith("inputs:")]
-        codes = self._motion.codes(sampled({name: place.prim.GetAttribute(name) for name in inputs}))
-        if codes and isinstance(light, Light):
+        if not isinstance(light, (DirectionalLight, PunctualLight)):
+            return ()
+        codes = self._motion.codes(sampled({name: place.prim.GetAttribute(name) for name in PLAYED}))
+        with self._report.costs("wrong time samples are left out"):
             rows = [self._lights.fields(place.prim, light, place.world, Usd.TimeCode(code)) for code in codes]
-            self._motion.change(light, codes, rows)
-        elif codes:
-            self._report.add("inputs of lamps with an area are not animated", f"<{place.prim.GetPath()}>")
+            if codes:
+                self._motion.change(light, codes, rows)
+        return PLAYED
 
-    def _add_shape(self, place: Place) -> None:
-        """Add a Cube, Sphere or another simple shape."""
-        prim = place.prim
-        shape = simple_shape(prim, self._time)
-        if shape is None:
-            self._report.add(f"prims of the type {prim.GetTypeName()} are left out", f"<{prim.GetPath()}>")
-            return
-        if shape not in self._shapes:
-            self._shapes[shape] = shape_mesh(shape)
-        mesh = self._shapes[shape]
-        found = UsdGeom.PrimvarsAPI(prim).FindPrimvarWithInheritance("displayColor")
-        values = found.Get(self._time) if found else None
-        opacity = UsdGeom.PrimvarsAPI(prim).FindPrimvarWithInheritance("displayOpacity")
-        alpha = opacity.Get(self._time) if opacity else None
-        color = np.array((*(values[0] if values else (0.5, 0.5, 0.5)), alpha[0] if alpha else 1.0), np.float32).clip(
-            0, 1
-        )
-        look = self._materials.look(prim, bool(UsdGeom.Gprim(prim).GetDoubleSidedAttr().Get()), color)
-        self._add_instance(place, mesh, look.material, prim.GetName(), place.part_of)
-
-    def _key(self, prim: Any) -> Any:
-        """The path of a prim, of that in the prototype where instances share one."""
-        return (prim.GetPrimInPrototype() if prim.IsInstanceProxy() else prim).GetPath()
-
-    def _add_surface(self, place: Place) -> None:
-        """Add a mesh, an instance for each of its materials."""
-        prim = place.prim
-        key = self._key(prim)
-        if key not in self._surfaces:
-            try:
-                self._surfaces[key] = Surface(prim, self._time, self._report, self._file)
-            except SolariError as error:
-                self._surfaces[key] = error
-        surface = self._surfaces[key]
-        if isinstance(surface, SolariError):
-            raise surface
-        mesh = UsdGeom.PointBased(prim)
-        if mesh.GetPointsAttr().ValueMightBeTimeVarying():
-            self._report.add("moving points of meshes are shown as they are at the start", f"<{prim.GetPath()}>")
-        sided = bool(mesh.GetDoubleSidedAttr().Get())
+    def _add_geometry(self, place: Place) -> None:
+        """Add a mesh or a simple shape, an instance for each of its materials."""
+        parts = self._geometry.parts(place.prim, place.world)
         part_of = place.part_of
-        if len(surface.parts) > 1 and not part_of:
-            part_of = distinct(prim.GetName(), self._objects)
-        for name, owner, chosen in surface.parts:
-            look = self._materials.look(owner, sided, surface.color())
-            names = list(self._textures.uv_names) or [self._usual_uvs(prim)]
-            full = f"{prim.GetName()} {name}".strip()
-            made = key, name, look.color, tuple(names)
-            if made not in self._meshes:
-                shape, points = surface.mesh(chosen, names, look.color, full)
-                deformation = self._skins.deformation(prim, points, len(surface.points))
-                if deformation is not None:
-                    shape.update(deformation=deformation)
-                self._meshes[made] = shape, points
-            shape = self._meshes[made][0]
-            material = look.material
-            if prim.HasAPI(UsdLux.LightAPI):
-                material = self._lights.mesh_light(prim, material, shape, place.world)
-            self._add_instance(place, shape, material, full, part_of)
-
-    def _usual_uvs(self, prim: Any) -> str:
-        """The set of uvs that a mesh has where its material asks for none: for materials that users give it."""
-        found = [
-            var for var in UsdGeom.PrimvarsAPI(prim).GetPrimvars() if var.GetTypeName().role == "TextureCoordinate"
-        ]
-        names = [str(var.GetPrimvarName()) for var in found]
-        return "st" if "st" in names or not names else names[0]
+        if len(parts) > 1 and not part_of:
+            part_of = distinct(place.prim.GetName(), self._objects)
+        for part in parts:
+            self._add_instance(place, part.mesh, part.material, part.name, part_of)
 
     def _add_instance(self, place: Place, mesh: Mesh, material: Any, name: str, part_of: str) -> None:
         """Add an instance of a mesh at a place."""
@@ -377,25 +359,35 @@ class _Loader:
         prototype = self._stage.GetPrimAtPath(path)
         if not prototype:
             raise SolariError(f"{self._file}: <{at.prim.GetPath()}> repeats <{path}>, which isn't there")
+        if prototype.IsAbstract():
+            self._report.add("prototypes that are classes show nothing: make them `def` or `over`", f"<{path}>")
         return self._below(at, prototype)
 
     def _add_prototype(self, path: Any, at: Place) -> None:
         with self._report.costs(_WRONG):
             root = self._prototype(path, at)
             if root is not None:
-                self._add_below(root, _SHOWN)
+                self._add_below(root)
 
     def _add_still(self, still: dict[int, list[Place]], number: int, path: Any, at: Place) -> None:
         """The same where the points don't move: what a prototype holds is found once, unless it moves by itself."""
         if number not in still:
             root = self._prototype(path, replace(at, world=_NO_TURN))
-            still[number] = [] if root is None else list(self._walk(root, {}, _SHOWN))
+            still[number] = [] if root is None else list(self._walk(root))
         if any(found.row is not None for found in still[number]):
             self._add_prototype(path, at)
             return
         names: dict[str, str] = {at.part_of: at.part_of}  # each point has objects of its own
+        places = []
         for found in still[number]:
             if found.part_of not in names:
                 names[found.part_of] = distinct(found.part_of, self._objects)
             world = at.world @ found.world
-            self._add(replace(found, world=world, part_of=names[found.part_of], number=at.number))
+            places.append(replace(found, world=world, part_of=names[found.part_of], number=at.number))
+        self._add_all(places)
+
+
+def _purpose(prim: Any, inherited: str) -> str:
+    """The purpose of a prim below one of another."""
+    own = UsdGeom.Imageable(prim).GetPurposeAttr()
+    return str(own.Get()) if own and own.HasAuthoredValue() else inherited

@@ -3,20 +3,26 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
-from pxr import UsdShade
+from pxr import Usd, UsdShade
 
 from solari_vk.scene import checks
 from solari_vk.scene.files.gltf.report import Report
-from solari_vk.scene.files.usd.textures import IDENTITY, Textures, Use
+from solari_vk.scene.files.usd.motion import report_unplayed
+from solari_vk.scene.files.usd.surfaces import DISPLAY, DISPLAY_OPACITY, VARIES
+from solari_vk.scene.files.usd.textures import IDENTITY, Files, Textures, Use
 from solari_vk.scene.material import LARGEST_REFLECTANCE
 from solari_vk.scene.model import Material
 
 _DEPTH = 32  # of connections that lead to a value
 _IGNORED = "displacement of materials is not shown"
+_FIXED = "primvars that vary over a surface change its color and opacity alone: other inputs have their fallback"
 _PREVIEW = "UsdPreviewSurface"
+_READERS = ("UsdPrimvarReader", "ND_geompropvalue")
 # Inputs of other shaders that mean what an input of UsdPreviewSurface does. Later names are taken only if the first
 # ones have no value.
 _NAMES = {
@@ -38,85 +44,116 @@ _SWITCHES = {"emissiveColor": "enable_emission", "opacity": "enable_opacity"}
 _DATA = ("metallic", "roughness", "normal", "opacity", "clearcoat", "clearcoatRoughness")
 
 
+Read = Callable[[str], Any]
+"""What a prim has of a primvar: a tuple, None without it, or VARIES."""
+
+
+class Varying(NamedTuple):
+    """The primvar that an input takes at each point of a surface."""
+
+    name: str
+
+
 class Look(NamedTuple):
-    """A material, and what it wants of meshes: the primvar that colors vertices, "" for none."""
+    """A material, and what it wants of meshes: the primvars that color vertices and make them opaque, "" for none, and
+    the sets of uvs."""
 
     material: Material
     color: str = ""
+    opacity: str = ""
+    uvs: tuple[str, ...] = ()
 
 
 class Materials:
     """Makes the materials of a stage, each once for one-sided and once for double-sided surfaces."""
 
-    def __init__(self, textures: Textures, report: Report, time: Any) -> None:
-        self._textures = textures
+    def __init__(self, files: Files, report: Report, time: Any) -> None:
+        self._files = files
+        self._textures = Textures(files, report)
         self._report = report
         self._time = time
-        self._looks: dict[Any, Look] = {}
+        self._looks: dict[Any, Look | None] = {}  # None for materials that can't be shown
+        self._reads: dict[Any, list[str]] = {}  # the primvars that materials read
+        self._bound: dict[Any, Any] = {}
 
     def bound(self, prim: Any) -> Any:
         """The material that is bound to a prim, None without one."""
-        api = UsdShade.MaterialBindingAPI(prim)
-        for purpose in ("full", "preview", ""):
-            material, _ = api.ComputeBoundMaterial(purpose)
-            if material and self._is_preview(material):
-                return material
-        return api.ComputeBoundMaterial("full")[0] or None
+        path = prim.GetPath()
+        if path not in self._bound:
+            # Both include what is bound for all purposes.
+            api = UsdShade.MaterialBindingAPI(prim)
+            full = api.ComputeBoundMaterial("full")[0]
+            preview = full if full and self._is_preview(full) else api.ComputeBoundMaterial("preview")[0]
+            self._bound[path] = preview if preview and self._is_preview(preview) else full or preview or None
+        return self._bound[path]
 
     def _is_preview(self, material: Any) -> bool:
         shader = material.ComputeSurfaceSource()[0]
         return bool(shader) and shader.GetShaderId() == _PREVIEW
 
-    def look(self, prim: Any, sided: bool, color: Any) -> Look:
-        """The material of a prim. sided: whether both sides emit. color: its display color (4,) with opacity, None if
-        it varies."""
+    def look(self, prim: Any, sided: bool, read: Read) -> Look:
+        """The material of a prim. sided: whether both sides emit. read: its primvars."""
         material = self.bound(prim)
         if material is None:
-            return self._plain(color, sided)
+            return self._plain(read, sided, "default")
         own = material.GetPrim()
         # Instances share the materials of their prototype.
         path = (own.GetPrimInPrototype() if own.IsInstanceProxy() else own).GetPath()
-        key = path, sided
+        names = self._reads.setdefault(path, [])
+        key = path, sided, *map(read, names)
         if key not in self._looks:
-            self._looks[key] = self._make(material, sided, color)
-        return self._looks[key]
 
-    def _plain(self, color: Any, sided: bool, name: str = "default") -> Look:
-        key = None if color is None else tuple(color.tolist()), sided, name
-        if key not in self._looks:
-            fields: dict[str, Any] = (
-                {"base_color": 1.0} if color is None else {"base_color": color[:3], "alpha": color[3]}
-            )
-            blends = color is None or color[3] < 1
-            material = Material(
-                alpha_mode="blend" if blends else "opaque", double_sided=_sides(sided), name=name, **fields
-            )
-            self._looks[key] = Look(material, "displayColor" if color is None else "")
-        return self._looks[key]
+            def recorded(name: str) -> Any:
+                if name not in names:
+                    names.append(name)
+                return read(name)
 
-    def _make(self, material: Any, sided: bool, color: Any) -> Look:
+            look = self._make(material, sided, recorded)
+            key = path, sided, *map(read, names)
+            self._looks[key] = look
+        return self._looks[key] or self._plain(read, sided, own.GetName())
+
+    def _plain(self, read: Read, sided: bool, name: str) -> Look:
+        """The display color."""
+        color, opacity = read(DISPLAY) or (0.5,) * 3, read(DISPLAY_OPACITY) or (1.0,)
+        key = color, opacity, sided, name
+        found = self._looks.get(key)
+        if found is None:
+            # What varies is the vertices' factor.
+            base: Any = 1.0 if color == VARIES else np.resize(color, 3).clip(0, 1)
+            alpha = 1.0 if opacity == VARIES else min(max(opacity[0], 0.0), 1.0)
+            mode = "blend" if opacity == VARIES or alpha < 1 else "opaque"
+            material = Material(base_color=base, alpha=alpha, alpha_mode=mode, double_sided=_sides(sided), name=name)
+            found = Look(material, DISPLAY if color == VARIES else "", DISPLAY_OPACITY if opacity == VARIES else "")
+            self._looks[key] = found
+        return found
+
+    def _make(self, material: Any, sided: bool, read: Read) -> Look | None:
         path = f"<{material.GetPath()}>"
         name = material.GetPrim().GetName()
+        for prim in Usd.PrimRange(material.GetPrim(), Usd.TraverseInstanceProxies()):
+            report_unplayed(self._report, prim)
         shader = material.ComputeSurfaceSource()[0]
         if shader and shader.GetShaderId() == _PREVIEW:
-            return self._surface(_Inputs(shader, self._time, self._report), sided, name)
+            return self._surface(_Inputs(shader, self._files, self._time, self._report, read), sided, name)
         for context in ("mtlx", "mdl", "glslfx", "ri", "arnold"):
             shader = shader or material.ComputeSurfaceSource(context)[0]
         if not shader:
             self._report.add("materials without a surface are replaced by the display color", path)
-            return self._plain(color, sided, name)
-        inputs = _Foreign(shader, self._time, self._report)
+            return None
+        inputs = _Foreign(shader, self._files, self._time, self._report, read)
         if not inputs.known:
             what = f"materials of {inputs.kind} are replaced by the display color"
             self._report.add(what, path)
-            return self._plain(color, sided, name)
+            return None
         shown = "its textures and constants of base color, metal, roughness, opacity, coat, emission and normals"
         self._report.add(f"materials of {inputs.kind} are shown by a metallic-roughness surface with {shown}", path)
         return self._surface(inputs, sided, name)
 
     def _surface(self, inputs: _Inputs, sided: bool, name: str) -> Look:
         fields: dict[str, Any] = {"name": name, "double_sided": _sides(sided)}
-        color = self._add_color(inputs, fields)
+        self._textures.uv_names = {}
+        color, opacity = self._add_color(inputs, fields)
         self._add_reflection(inputs, fields)
         self._add_emission(inputs, fields)
         coat, coat_roughness = self._gray(inputs, "clearcoat", 0.0), self._gray(inputs, "clearcoatRoughness", 0.01)
@@ -128,13 +165,13 @@ class Materials:
         fields["ior"] = float(np.clip(self._number(inputs, "ior", 1.5), 1, 1e6))
         if inputs.get("displacement", None) not in (None, 0.0):
             self._report.add(_IGNORED, inputs.place)
-        return Look(Material(**fields), color)
+        return Look(Material(**fields), color, opacity, tuple(self._textures.uv_names))
 
     def _found(self, inputs: _Inputs, name: str) -> Any:
         """A constant, or a Use whose picture can be read, in whose place its fallback counts."""
         found = inputs.get(name, None)
         if isinstance(found, Use) and not self._textures.has(found):
-            return found.fallback
+            return found.lacking
         return found
 
     def _number(self, inputs: _Inputs, name: str, default: float) -> float:
@@ -143,39 +180,43 @@ class Materials:
             found = found[0]
         return float(found) if isinstance(found, (int, float)) and math.isfinite(found) else default
 
-    def _gray(self, inputs: _Inputs, name: str, default: float) -> float | Use:
+    def _gray(self, inputs: _Inputs, name: str, default: float) -> Any:
+        """A number, a Use, or Varying."""
         found = self._found(inputs, name)
-        return found if isinstance(found, Use) else min(max(self._number(inputs, name, default), 0.0), 1.0)
+        return found if isinstance(found, (Use, Varying)) else min(max(self._number(inputs, name, default), 0.0), 1.0)
 
     def _color(self, inputs: _Inputs, name: str, default: float, highest: float) -> Any:
-        """A color (3,) or a Use."""
+        """A color (3,), a Use, or Varying, with the input's factor."""
         found = self._found(inputs, name)
+        factor = inputs.factor(name)
         if isinstance(found, Use):
+            scale, bias = (_four([factor * part for part in values], 1.0) for values in (found.scale, found.bias))
+            return replace(found, scale=scale, bias=bias)
+        if isinstance(found, Varying):
             return found
         values = np.atleast_1d(np.array(default if found is None or isinstance(found, str) else found, np.float64))
         values = np.repeat(values, 3)[:3] if len(values) < 3 else values[:3]
-        return np.nan_to_num(values, nan=default).clip(0, highest)
+        return (factor * np.nan_to_num(values, nan=default)).clip(0, highest)
 
     def _add_texture(self, fields: dict[str, Any], name: str, channel: int, value: float | Use) -> None:
         fields[name] = 1.0 if isinstance(value, Use) else value
         if isinstance(value, Use):
             fields[f"{name}_texture"] = self._textures.packed({channel: value})
 
-    def _add_color(self, inputs: _Inputs, fields: dict[str, Any]) -> str:
-        """Base color and opacity. Returns the primvar that colors vertices."""
+    def _add_color(self, inputs: _Inputs, fields: dict[str, Any]) -> tuple[str, str]:
+        """Base color and opacity. Returns the primvars that color vertices and make them opaque, "" for none."""
         opacity = self._gray(inputs, "opacity", 1.0)
         threshold = self._number(inputs, "opacityThreshold", 0.0)
-        weight = inputs.factor("diffuseColor")
-        reader = inputs.primvar("diffuseColor")
-        color = np.ones(3) if reader else self._color(inputs, "diffuseColor", 0.18, 1.0)
+        color = self._color(inputs, "diffuseColor", 0.18, 1.0)
         if isinstance(color, Use):
             texture, factor = self._textures.color(color, opacity if isinstance(opacity, Use) else None)
-            fields |= {"base_color_texture": texture, "base_color": (factor * weight).clip(0, 1)}
+            fields |= {"base_color_texture": texture, "base_color": factor}
         else:
-            fields["base_color"] = np.clip(color * weight, 0, 1)
+            varies = isinstance(color, Varying)
+            fields["base_color"] = np.full(3, min(inputs.factor("diffuseColor"), 1.0)) if varies else color
             if isinstance(opacity, Use):
                 fields["base_color_texture"] = self._textures.packed({3: opacity})
-        alpha = 1.0 if isinstance(opacity, Use) else opacity
+        alpha = opacity if isinstance(opacity, float) else 1.0
         fields["alpha"] = alpha
         if threshold > 0:
             fields |= {"alpha_mode": "mask", "alpha_cutoff": min(threshold, checks.LARGEST_CUTOFF)}
@@ -183,9 +224,10 @@ class Materials:
             # Nothing but reflections and what shines through is left: clear glass.
             fields |= {"alpha": 1.0, "transmission": 1.0, "base_color": np.ones(3)}
             fields.pop("base_color_texture", None)
-        elif alpha < 1 or isinstance(opacity, Use):
+        elif alpha < 1 or not isinstance(opacity, float):
             fields["alpha_mode"] = "blend"
-        return reader
+        names = [value.name if isinstance(value, Varying) else "" for value in (color, opacity)]
+        return names[0], names[1]
 
     def _add_reflection(self, inputs: _Inputs, fields: dict[str, Any]) -> None:
         roughness, metallic = self._gray(inputs, "roughness", 0.5), self._gray(inputs, "metallic", 0.0)
@@ -198,7 +240,7 @@ class Materials:
             if isinstance(specular, Use):
                 texture, factor = self._textures.color(specular)
                 fields["specular_color_texture"] = texture
-                fields["reflectance"] = np.sqrt(factor.clip(0, 1)).clip(0, 1) * min(whole, LARGEST_REFLECTANCE)
+                fields["reflectance"] = np.sqrt(factor) * min(whole, LARGEST_REFLECTANCE)
             else:
                 fields["reflectance"] = np.minimum(np.sqrt(specular) * whole, LARGEST_REFLECTANCE)
         uses = {channel: use for channel, use in ((1, roughness), (2, metallic)) if isinstance(use, Use)}
@@ -209,12 +251,9 @@ class Materials:
 
     def _add_emission(self, inputs: _Inputs, fields: dict[str, Any]) -> None:
         emission = self._color(inputs, "emissiveColor", 0.0, checks.LARGEST_RADIANCE)
-        if not isinstance(emission, Use):
-            fields["emissive"] = (emission * inputs.factor("emissiveColor")).clip(0, checks.LARGEST_RADIANCE)
-            return
-        texture, factor = self._textures.color(emission)
-        fields["emissive_texture"] = texture
-        fields["emissive"] = (factor * inputs.factor("emissiveColor")).clip(0, checks.LARGEST_RADIANCE)
+        if isinstance(emission, Use):
+            fields["emissive_texture"], emission = self._textures.color(emission, highest=checks.LARGEST_RADIANCE)
+        fields["emissive"] = emission
 
 
 def _sides(sided: bool) -> bool | None:
@@ -225,10 +264,12 @@ def _sides(sided: bool) -> bool | None:
 class _Inputs:
     """The inputs of a shader, with what they are connected to."""
 
-    def __init__(self, shader: Any, time: Any, report: Report) -> None:
+    def __init__(self, shader: Any, files: Files, time: Any, report: Report, read: Read) -> None:
         self._shader = shader
+        self._files = files
         self._time = time
         self._report = report
+        self._read = read
         self.place = f"<{shader.GetPath()}>"
 
     def factor(self, name: str) -> float:
@@ -236,18 +277,25 @@ class _Inputs:
         return 1.0
 
     def get(self, name: str, default: Any) -> Any:
-        """A number, a tuple of numbers, a string or a Use."""
-        source, output = _source(self._shader.GetInput(name), self._time)
-        if source is None:
-            return default if output is None else output
-        return self._use(source, output, name) or default
+        """A number, a tuple of numbers, a string, a Use or Varying."""
+        source, found = _source(self._shader.GetInput(name), self._time)
+        if source is not None:
+            is_reader = (source.GetShaderId() or "").startswith(_READERS)
+            found = self._primvar(source, name) if is_reader else self._use(source, found, name)
+        return default if found is None else found
 
-    def primvar(self, name: str) -> str:
-        """The name of the primvar that an input is connected to, "" without one."""
-        source, _ = _source(self._shader.GetInput(name), self._time)
-        if source is None or not (source.GetShaderId() or "").startswith("UsdPrimvarReader_float"):
-            return ""
-        return str(_constant(source, "varname", self._time) or "")
+    def _primvar(self, source: Any, name: str) -> Any:
+        """What a shader node reads from a prim."""
+        own = _either(source, ("varname", "geomprop"), self._time)
+        found = self._read(str(own)) if own else None
+        if found == VARIES and name in ("diffuseColor", "opacity"):
+            return Varying(str(own))
+        if found == VARIES:
+            self._report.add(_FIXED, f"{self.place} {name}")
+        elif found is not None:
+            return found
+        fallback = _either(source, ("fallback", "default"), self._time)
+        return 0.0 if fallback is None else fallback
 
     def _use(self, source: Any, output: Any, name: str) -> Use | None:
         """The texture that a shader node is, or that leads to it."""
@@ -259,21 +307,23 @@ class _Inputs:
             source, _ = _source(ahead, self._time) if ahead else (None, None)
             if source is None:
                 break
-        if not self.primvar(name):
-            self._report.add("connections of materials that lead to no texture are left out", f"{self.place} {name}")
+        self._report.add("connections of materials that lead to no texture are left out", f"{self.place} {name}")
         return None
 
-    def _texture(self, node: Any, output: str, name: str) -> Use | None:
-        asset = _constant(node, "file", self._time)
-        if asset is None or not getattr(asset, "path", ""):
-            return None
+    def _file(self, given: Any) -> str:
+        """The place of the file that an input names."""
+        return self._files.place(next(iter(given.GetValueProducingAttributes()), None), self._time)
+
+    def _texture(self, node: Any, output: str, name: str) -> Use:
         fallback = _constant(node, "fallback", self._time)
+        if fallback is None and node.GetShaderId() == "UsdUVTexture":
+            fallback = (0.0, 0.0, 0.0, 1.0)
         uvs, transform = self._coordinates(node)
         space = str(_constant(node, "sourceColorSpace", self._time) or self._space(node, name))
         wrap = [str(_constant(node, key, self._time) or "useMetadata") for key in ("wrapS", "wrapT")]
         return Use(
             place=f"<{node.GetPath()}>",
-            file=str(asset.resolvedPath or asset.path),
+            file=self._file(node.GetInput("file")),
             channel=output if output in ("r", "g", "b", "a") else "rgb",
             scale=_four(_constant(node, "scale", self._time), 1.0),
             bias=_four(_constant(node, "bias", self._time), 0.0),
@@ -302,8 +352,8 @@ class _Inputs:
             kind = source.GetShaderId() or ""
             if kind == "UsdTransform2d":
                 total = total @ _transform_2d(source, self._time)
-            elif kind.startswith(("UsdPrimvarReader", "ND_geompropvalue")):
-                uvs = str(_constant(source, "varname", self._time) or _constant(source, "geomprop", self._time) or uvs)
+            elif kind.startswith(_READERS):
+                uvs = str(_either(source, ("varname", "geomprop"), self._time) or uvs)
                 break
             node = source
         found = tuple(total[:2].ravel().tolist())
@@ -313,8 +363,8 @@ class _Inputs:
 class _Foreign(_Inputs):
     """The inputs of a shader of MaterialX or MDL by the names of UsdPreviewSurface."""
 
-    def __init__(self, shader: Any, time: Any, report: Report) -> None:
-        super().__init__(shader, time, report)
+    def __init__(self, shader: Any, files: Files, time: Any, report: Report, read: Read) -> None:
+        super().__init__(shader, files, time, report, read)
         kind = shader.GetShaderId() or ""
         is_mdl = not kind
         if is_mdl:
@@ -334,13 +384,14 @@ class _Foreign(_Inputs):
         for own in (name, *_NAMES.get(name, ())):
             found = super().get(own, None)
             if type(found).__name__ == "AssetPath":  # a texture of MDL stands on the shader itself
-                found = self._asset(found, own, name)
+                found = self._asset(own, name)
             if found is not None:
                 return found
         return default
 
-    def _asset(self, asset: Any, own: str, name: str) -> Use | None:
-        if not asset.path:
+    def _asset(self, own: str, name: str) -> Use | None:
+        file = self._file(self._shader.GetInput(own))
+        if not file:
             return None
         space = "raw" if name in _DATA else "sRGB"
         normal: dict[str, Any] = (
@@ -348,7 +399,7 @@ class _Foreign(_Inputs):
         )
         channel = "r" if name in ("metallic", "roughness", "opacity") else "rgb"
         place = f"{self.place} {own}"
-        return Use(place, str(asset.resolvedPath or asset.path), channel, space=space, **normal)
+        return Use(place, file, channel, space=space, **normal)
 
     def factor(self, name: str) -> float:
         """As of `_Inputs`."""
@@ -378,6 +429,12 @@ def _constant(node: Any, name: str, time: Any) -> Any:
     """The value of an input, None without one."""
     source, value = _source(node.GetInput(name), time)
     return value if source is None else None
+
+
+def _either(node: Any, names: tuple[str, ...], time: Any) -> Any:
+    """The first value that there is of some inputs."""
+    values = (_constant(node, name, time) for name in names)
+    return next((value for value in values if value is not None), None)
 
 
 def _four(value: Any, default: float) -> tuple[float, float, float, float]:

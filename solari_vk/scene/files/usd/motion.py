@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from itertools import pairwise
 from typing import Any
 
@@ -23,6 +23,8 @@ STEP = 10.0  # degrees that a turn by angles, between two samples, is divided in
 _MOST_STEPS = 4096  # between two samples
 _BYTES_PER_KEY = 400
 _SHEAR = 1e-3
+# What places a prim, and what pictures don't show.
+_UNSEEN = ("visibility", "extent", "velocities", "accelerations", "angularVelocities", "shutter:open", "shutter:close")
 
 
 class Fields:
@@ -146,7 +148,7 @@ class Motion:
             channels.append(Channel(row, path, self._seconds(codes, start), values, kind))
         for item, codes, rows in self._fields:
             holder = Fields(item)
-            for name in rows[0]:
+            for name in (name for name in rows[0] if all(name in row for row in rows)):
                 keys = np.array([np.atleast_1d(row[name]) for row in rows], np.float64)
                 if np.ptp(keys, axis=0).any():
                     number = rig.attach_property(holder, (name,), keys[0])
@@ -156,6 +158,16 @@ class Motion:
 
     def _seconds(self, codes: list[float], start: float) -> list[float]:
         return [max(code - start, 0.0) / self._rate for code in codes]
+
+
+def report_unplayed(report: Report, prim: Any, played: Collection[str] = ()) -> None:
+    """Report the attributes of a prim that vary with time, but those of some names, which are animated. Transforms and
+    visibility are for whoever places the prim."""
+    for attribute in prim.GetAuthoredAttributes():
+        name = attribute.GetName()
+        is_seen = name not in (*played, *_UNSEEN) and not name.startswith("xformOp:") and not attribute.IsCustom()
+        if is_seen and attribute.ValueMightBeTimeVarying():
+            report.add(f"time samples of {name} are left out: it is as at the start", f"<{prim.GetPath()}>")
 
 
 def matrix(found: Any) -> Matrix:

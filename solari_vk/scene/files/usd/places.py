@@ -13,7 +13,8 @@ from solari_vk.scene.group import Group
 @dataclass(frozen=True)
 class Place:
     """Where a prim is: its matrix to the world, its row of the rig (None: nothing moves it), whether it is visible, its
-    purpose, the label and the object that it is a part of, and its number in the hierarchy."""
+    purpose, the label and the object that it is a part of, and its number in the hierarchy. blinks: the time codes and
+    flags of what hides and shows it at and above it; steady: whether nothing else hides it."""
 
     prim: Any
     world: Matrix
@@ -23,6 +24,8 @@ class Place:
     label: str = ""
     part_of: str = ""
     number: int = -1
+    blinks: tuple[tuple[list[float], list[bool]], ...] = ()
+    steady: bool = True
 
 
 class Hierarchy:

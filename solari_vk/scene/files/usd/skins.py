@@ -9,11 +9,12 @@ from numpy.typing import NDArray
 from pxr import Usd, UsdSkel
 
 from solari_vk.base.budget import charge
-from solari_vk.base.errors import SolariError
+from solari_vk.base.errors import SolariError, quoted
+from solari_vk.scene.animation.rig import turned_inside_out
 from solari_vk.scene.files.gltf.report import Report
 from solari_vk.scene.files.usd.motion import Matrix, Motion, matrix
 from solari_vk.scene.meshes.deformation import Deformation
-from solari_vk.scene.model import Instance
+from solari_vk.scene.model import Instance, Mesh
 
 Integers = NDArray[np.int64]
 _INBETWEENS = "inbetweens of blend shapes are left out"
@@ -21,10 +22,9 @@ _DUAL = "meshes that ask for dual quaternions are skinned linearly"
 
 
 class Skeleton(NamedTuple):
-    """A skeleton in the rest pose: the query, world from joint (J, 4, 4), joint from the bind pose (J, 4, 4), and the
-    rows of joints, None where nothing moves."""
+    """A skeleton in the rest pose: world from joint (J, 4, 4), joint from the bind pose (J, 4, 4), and the rows of
+    joints, None where nothing moves."""
 
-    query: Any
     joints: Matrix
     unbind: Matrix
     rows: list[int] | None
@@ -38,7 +38,8 @@ class Skins:
         self._report = report
         self._who = who
         self._skeletons: dict[Any, Skeleton] = {}
-        self._queries: dict[Any, tuple[Any, Any]] = {}
+        self._queries: dict[Any, tuple[Any, Any, Any]] = {}
+        self._turned: dict[Mesh, Mesh] = {}
         self._caches: list[Any] = []
 
     def prepare(self, root: Any) -> None:
@@ -50,32 +51,30 @@ class Skins:
             skeleton = binding.GetSkeleton()
             query = cache.GetSkelQuery(skeleton)
             for target in binding.GetSkinningTargets():
-                self._queries[target.GetPrim().GetPath()] = query, target
+                self._queries[target.GetPrim().GetPath()] = skeleton.GetPrim(), query, target
         self._caches.append(cache)  # its queries live as long
 
     def skin(self, prim: Any) -> Any:
-        """The skeleton and skinning queries of a mesh, None without."""
+        """The skeleton's prim, and the skeleton and skinning queries of a mesh, None without."""
         return self._queries.get(prim.GetPath())
 
-    def _skeleton(self, query: Any, world: Matrix, row: int | None) -> Skeleton:
-        """world, row: of the skeleton's prim."""
-        prim = query.GetPrim()
-        key = prim.GetPath()
+    def _skeleton(self, prim: Any, query: Any, world: Matrix, row: int | None) -> Skeleton:
+        """world, row: of the skeleton's prim, which point instancers have at many places."""
+        key = prim.GetPath(), row, world.tobytes()
         if key not in self._skeletons:
             names = query.GetJointOrder()
-            charge(4096 * len(names), f"{self._who}: <{key}>", "its joints")
+            charge(4096 * len(names), f"{self._who}: <{prim.GetPath()}>", "its joints")
             parents = list(query.GetTopology().GetParentIndices())
             local = _matrices(query.ComputeJointLocalTransforms(self._motion.time), len(names))
             bind = _matrices(query.GetJointWorldBindTransforms(), len(names))
             if not np.isfinite(local).all() or (np.abs(np.linalg.det(bind)) < 1e-30).any():
-                raise SolariError(
-                    f"{self._who}: <{key}> has joints that aren't finite or bind transforms without an inverse"
-                )
+                text = "has joints that aren't finite or bind transforms without an inverse"
+                raise SolariError(f"{self._who}: <{prim.GetPath()}> {text}")
             joints = np.empty_like(local)
             for joint, parent in enumerate(parents):
                 joints[joint] = (world if parent < 0 else joints[parent]) @ local[joint]
             rows = self._rows(query, parents, local, world, row)
-            self._skeletons[key] = Skeleton(query, joints, np.asarray(np.linalg.inv(bind), np.float64), rows)
+            self._skeletons[key] = Skeleton(joints, np.asarray(np.linalg.inv(bind), np.float64), rows)
         return self._skeletons[key]
 
     def _rows(self, query: Any, parents: list[int], local: Matrix, world: Matrix, row: int | None) -> list[int] | None:
@@ -99,7 +98,7 @@ class Skins:
         found = self.skin(prim)
         if found is None:
             return None
-        query, target = found
+        _, query, target = found
         fields: dict[str, Any] = {}
         if target.HasJointInfluences():
             fields |= self._influences(query, target, points, count)
@@ -122,7 +121,11 @@ class Skins:
             self._report.add(_DUAL, f"<{target.GetPrim().GetPath()}>")
         if names:
             own = {name: joint for joint, name in enumerate(query.GetJointOrder())}
-            indices = np.array([own.get(name, 0) for name in names])[indices]
+            unknown = [name for name in names if name not in own]
+            if unknown:
+                text = f"{place} follows the joint {quoted(unknown[0])}, which its skeleton hasn't"
+                raise SolariError(f"{text}: export the file again")
+            indices = np.array([own[name] for name in names])[indices]
         of = np.zeros(len(points), np.int64) if rows == 1 else points
         joints, shares = indices.reshape(rows, each)[of], weights.reshape(rows, each)[of]
         used = np.flatnonzero((shares > 0).any(axis=0)).tolist() or [0]
@@ -136,6 +139,9 @@ class Skins:
         shapes = [
             UsdSkel.BlendShape(stage.GetPrimAtPath(path)) for path in target.GetBlendShapeTargetsRel().GetTargets()
         ]
+        if len(target.GetBlendShapeOrder()) != len(shapes):
+            text = f"{place} has {len(target.GetBlendShapeOrder())} names of blend shapes for {len(shapes)} targets"
+            raise SolariError(f"{text}: export the file again")
         charge(24 * len(points) * len(shapes), place, "its blend shapes")
         made = {"targets": np.zeros((len(shapes), len(points), 3), np.float32)}
         for number, shape in enumerate(shapes):
@@ -166,15 +172,20 @@ class Skins:
         deformation = instance.mesh.deformation
         if found is None or deformation is None:
             return
-        query, target = found
+        skeleton_prim, query, target = found
         fields: dict[str, Any] = {}
         if deformation.joints is not None:
-            skeleton = self._skeleton(query, *world_of(query.GetPrim()))
+            skeleton = self._skeleton(skeleton_prim, query, *world_of(skeleton_prim))
             bind = skeleton.unbind @ matrix(target.GetGeomBindTransform(self._motion.time))
+            # A mirrored place turns front faces around, which joints don't show.
+            if np.linalg.det((skeleton.joints[0] @ bind[0])[:3, :3]) < 0:
+                instance.mesh = self._turned.setdefault(instance.mesh, turned_inside_out(instance.mesh))
             fields = {"joint_matrices": (skeleton.joints @ bind)[:, :3], "transform": np.eye(4)}
             if skeleton.rows is not None:
                 rows, joints = skeleton.rows, skeleton.joints
+                is_mirrored = bool(np.linalg.det(joints[0, :3, :3]) < 0)
                 self._motion.later.append(lambda rig: rig.attach_skin(instance, rows, joints, bind))
+                self._motion.later.append(lambda rig: rig.attach_side(instance, rows[0], is_mirrored))
         if deformation.targets is not None:
             fields["morph_weights"] = self._weights(query, target, self._motion.time)
         instance.update(**fields)

@@ -23,7 +23,6 @@ _UNOPENED = re.compile(
     r"Could not \w+ (?:asset|sublayer) @(.*?)@.*?(?:introduced by|of layer) @(.*?)@(?:<(.*?)>)?", re.DOTALL
 )
 _CYCLE = re.compile(r"@<(.*?)>")
-SUFFIXES = (".usd", ".usda", ".usdc", ".usdz")
 
 
 class Folder:
@@ -273,7 +272,7 @@ def select(stage: Any, variants: Mapping[str, Any], folder: Folder) -> None:
     for (prim, name), choices in found.items():
         where = f" of {prim}" if prim else ""
         if not choices:
-            known = sorted({name for prim in stage.Traverse() for name in prim.GetVariantSets().GetNames()})
+            known = sorted({name for prim in stage.TraverseAll() for name in prim.GetVariantSets().GetNames()})
             raise unknown_name(f"{folder.file}: variants: there is no set{where}", name, known)
         if wanted[prim, name] not in choices:
             raise unknown_name(
@@ -283,7 +282,8 @@ def select(stage: Any, variants: Mapping[str, Any], folder: Folder) -> None:
 
 def _changes(stage: Any, wanted: Mapping[Any, Any], found: Mapping[Any, set[str]]) -> Iterator[tuple[Any, str]]:
     """The sets that have another selection than is wanted. found: gets the names of their variants."""
-    for prim in stage.Traverse() if wanted else ():
+    # Also below `over` and `class`, where prototypes stand.
+    for prim in stage.TraverseAll() if wanted else ():
         sets = prim.GetVariantSets()
         for name in sets.GetNames():
             for key in ((str(prim.GetPath()), name), (str(prim.GetPath())[1:], name), ("", name)):

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import copy
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -25,8 +28,12 @@ _BYTES_PER_CORNER = 120
 _SEGMENTS = 64
 _AXES = {"Y": np.eye(3), "X": rotation((0, 0, 1), -math.pi / 2), "Z": rotation((1, 0, 0), math.pi / 2)}
 _CAGE = "subdivision surfaces are shown as their control cage, with smooth normals"
+_CREASES = "creases and corners of subdivision surfaces are shown smooth"
 _WRONG_PRIMVAR = "primvars with wrong numbers of values are left out"
-DISPLAY = "displayColor"
+_FIRST = "simple shapes take the first of several values of a primvar"
+DISPLAY, DISPLAY_OPACITY = "displayColor", "displayOpacity"
+VARIES = "varies"
+"""In place of the value of a primvar that has several."""
 
 
 @dataclass
@@ -37,9 +44,15 @@ class Values:
     index: Integers
     interpolation: str
 
+    @cached_property
+    def constant(self) -> Any:
+        """The value as a tuple, VARIES where there are several."""
+        used = self.index[:1] if self.interpolation == "constant" else np.unique(self.index)
+        return tuple(self.rows[used[0]].tolist()) if len(used) == 1 else VARIES
+
 
 class Surface:
-    """The triangles of a prim. `parts`: the name of each subset, "" for the rest, its prim and triangles (M,)."""
+    """The triangles of a prim. `parts`: the name of each subset, "" for the rest, and its triangles (M,)."""
 
     def __init__(self, prim: Any, motion_time: Any, report: Report, who: str) -> None:
         self.prim = prim
@@ -65,11 +78,40 @@ class Surface:
         self.triangles = self.triangles[~np.isin(self.face_of[self.triangles[:, 0]], holes)]
         if UsdGeom.Gprim(prim).GetOrientationAttr().Get() == UsdGeom.Tokens.leftHanded:
             self.triangles = self.triangles[:, ::-1]
+        a, b, c = self.corners().swapaxes(0, 1)
+        self.triangles = self.triangles[np.cross(b - a, c - a).any(axis=1)]
+        if not len(self.indices):
+            report.add("meshes without faces show nothing", self.place)
+        elif not len(self.triangles):
+            raise self._error("has no triangle with an area: export it again, or remove it")
+        self._smooth: NDArray[Any] | None = None
         self._scheme = mesh.GetSubdivisionSchemeAttr().Get(self._time) if mesh else UsdGeom.Tokens.none
         if self._scheme != UsdGeom.Tokens.none:
-            report.add(_CAGE, self.place)
+            self._add_cage(mesh)
         self.parts = self._parts(mesh)
-        self._primvars: dict[str, Values | None] = {}
+        self._primvars: dict[Any, Values | None] = {}
+
+    def corners(self) -> NDArray[np.float64]:
+        """The corners (M, 3, 3) of all triangles."""
+        return self.points[self.indices[self.triangles]]
+
+    def at(self, prim: Any) -> Surface:
+        """The same with what another instance inherits."""
+        other = copy.copy(self)
+        other.prim = prim
+        other.place = f"<{prim.GetPath()}>"
+        return other
+
+    def _add_cage(self, mesh: Any) -> None:
+        """The normals of a subdivision surface. Bilinear ones are as flat as their cage."""
+        self._report.add(_CAGE, self.place)
+        if self._scheme == UsdGeom.Tokens.bilinear:
+            return
+        if len(self._integers(mesh.GetCreaseIndicesAttr())) or len(self._integers(mesh.GetCornerIndicesAttr())):
+            self._report.add(_CREASES, self.place)
+        # Over all parts, so that no seam shows between two.
+        every = self.indices[self.triangles]
+        self._smooth = fitted_normals(np.zeros_like(self.points), every, area_vectors(self.points, every))[0]
 
     def _error(self, text: str) -> SolariError:
         return SolariError(f"{self._who} {text}")
@@ -93,9 +135,9 @@ class Surface:
         if len(self.indices) and not 0 <= self.indices.min() <= self.indices.max() < len(self.points):
             raise self._error("has faces of points that don't exist: export it again")
 
-    def _parts(self, mesh: Any) -> list[tuple[str, Any, NDArray[np.bool_]]]:
+    def _parts(self, mesh: Any) -> list[tuple[str, NDArray[np.bool_]]]:
         """Triangles by the subsets for materials."""
-        face = self.face_of[self.triangles[:, 0]] if len(self.triangles) else np.zeros(0, np.int64)
+        face = self.face_of[self.triangles[:, 0]]
         rest = np.ones(len(face), bool)
         found = []
         for subset in UsdGeom.Subset.GetAllGeomSubsets(mesh) if mesh else ():
@@ -104,52 +146,64 @@ class Surface:
                 continue
             own = np.isin(face, self._integers(subset.GetIndicesAttr())) & rest
             rest &= ~own
-            found.append((subset.GetPrim().GetName(), subset.GetPrim(), own))
-        found.append(("", self.prim, rest))
-        return [part for part in found if part[2].any()]
+            found.append((subset.GetPrim().GetName(), own))
+        found.append(("", rest))
+        return [part for part in found if part[1].any()]
 
     # ---- primvars -----------------------------------------------------------------------------------
 
     def primvar(self, name: str) -> Values | None:
         """A primvar by its name; None for one that isn't there, and (reported) for a wrong one."""
-        if name not in self._primvars:
-            self._primvars[name] = None
-            primvar = UsdGeom.PrimvarsAPI(self.prim).FindPrimvarWithInheritance(name)
+        primvar, source = self._find(name)
+        key = name, source
+        if key not in self._primvars:
+            self._primvars[key] = None
             if primvar and primvar.HasValue():
-                self._primvars[name] = self._values(primvar.Get(self._time), primvar.GetIndices(self._time), primvar)
-        return self._primvars[name]
+                indices = primvar.GetIndices(self._time)
+                self._primvars[key] = self._values(primvar.GetAttr(), indices, str(primvar.GetInterpolation()))
+        return self._primvars[key]
 
-    def _values(self, found: Any, indices: Any, primvar: Any) -> Values | None:
-        interpolation = primvar.GetInterpolation()
-        rows = np.array(found, np.float64)
-        if rows.dtype.kind != "f" or not rows.size:
-            return None
-        rows = rows.reshape(len(rows) if rows.ndim else 1, -1)
-        if not np.isfinite(rows).all():
-            self._report.add("primvars that aren't finite are left out", f"{self.place} {primvar.GetPrimvarName()}")
+    def _find(self, name: str) -> tuple[Any, str]:
+        """A primvar, and its path if an instance inherits it from outside of its prototype, else ""."""
+        primvar = UsdGeom.PrimvarsAPI(self.prim).FindPrimvarWithInheritance(name)
+        is_shared = not primvar or not self.prim.IsInstanceProxy() or primvar.GetAttr().GetPrim().IsInstanceProxy()
+        return primvar, "" if is_shared else str(primvar.GetAttr().GetPath())
+
+    def sources(self, names: Iterable[str]) -> tuple[str, ...]:
+        """What tells the values of primvars from those of other instances."""
+        return tuple(self._find(name)[1] for name in names if name)
+
+    def constant(self, name: str) -> Any:
+        """The value of a primvar as a tuple, None without one, and VARIES where it has several."""
+        values = self.primvar(name)
+        return None if values is None else values.constant
+
+    def _values(self, attribute: Any, indices: Any, interpolation: str) -> Values | None:
+        place = f"{self.place} {attribute.GetName()}"
+        rows = finite_rows(attribute.Get(self._time), attribute, place, self._report)
+        if rows is None:
             return None
         index = np.arange(len(rows)) if indices is None or not len(indices) else np.array(indices, np.int64)
         counts = {"constant": 1, "uniform": self.face_count, "faceVarying": len(self.indices)}
         wanted = counts.get(interpolation, len(self.points))
         if (interpolation != "constant" and len(index) != wanted) or not 0 <= index.min() <= index.max() < len(rows):
-            self._report.add(_WRONG_PRIMVAR, f"{self.place} {primvar.GetPrimvarName()}")
+            self._report.add(_WRONG_PRIMVAR, place)
             return None
-        if interpolation == "faceVarying" and indices is not None and not len(indices):
+        if interpolation == "faceVarying" and (indices is None or not len(indices)):
             return _welded(rows)
         return Values(rows, index, interpolation)
 
-    def _normals(self, smooth: Any) -> Values | None:
+    def _normals(self) -> Values | None:
         """The normals of the file, or those that its scheme asks for; None for those of the triangles."""
-        if smooth is not None:
-            return Values(smooth, np.arange(len(smooth)), "vertex")
+        if self._smooth is not None:
+            return Values(self._smooth, np.arange(len(self._smooth)), "vertex")
+        if self._scheme != UsdGeom.Tokens.none:
+            return None
         mesh = UsdGeom.PointBased(self.prim)
         found = self.primvar("normals")  # which has precedence
         attribute = mesh.GetNormalsAttr()
         if found is None and attribute.HasAuthoredValue():
-            given = _Attribute(attribute, mesh.GetNormalsInterpolation())
-            found = self._values(attribute.Get(self._time), None, given)
-            if found is not None and found.interpolation == "faceVarying":
-                found = _welded(found.rows)
+            found = self._values(attribute, None, str(mesh.GetNormalsInterpolation()))
         return found if found is not None and found.rows.shape[1] == 3 else None
 
     def _index(self, values: Values, corners: Integers) -> Integers:
@@ -161,32 +215,16 @@ class Surface:
         found: Integers = values.index[place[corners]]
         return found
 
-    def color(self) -> NDArray[np.float32] | None:
-        """The display color of the whole surface with its opacity (4,), if that is one; else None."""
-        found, opacity = self.primvar(DISPLAY), self.primvar("displayOpacity")
-        if any(values is not None and len(values.rows) > 1 for values in (found, opacity)):
-            return None
-        rgb = found.rows[0, :3] if found is not None else np.full(3, 0.5)
-        return np.array((*rgb, opacity.rows[0, 0] if opacity is not None else 1.0), np.float32).clip(0, 1)
-
-    def mesh(self, chosen: NDArray[np.bool_], uv_names: list[str], color: str, name: str) -> tuple[Mesh, Integers]:
+    def mesh(
+        self, chosen: NDArray[np.bool_], uv_names: tuple[str, ...], color: str, opacity: str, name: str
+    ) -> tuple[Mesh, Integers]:
         """The Mesh of some of the triangles, and the point (N,) of each of its vertices. uv_names: the sets of uvs.
-        color: the primvar that colors vertices, "" for none."""
-        corners = self.triangles[chosen]
-        a, b, c = (self.points[self.indices[corners[:, corner]]] for corner in range(3))
-        corners = corners[np.cross(b - a, c - a).any(axis=1)]
-        if not len(corners):
-            raise self._error("has no triangle with an area")
-        flat = corners.ravel()
-        smooth = None
-        if self._scheme != UsdGeom.Tokens.none:
-            # Over all parts, so that no seam shows between two.
-            every = self.indices[self.triangles]
-            smooth = fitted_normals(np.zeros_like(self.points), every, area_vectors(self.points, every))[0]
-        columns = {"normals": self._normals(smooth)}
-        columns |= {f"uv {number}": self.primvar(name) for number, name in enumerate(uv_names)}
-        if color:
-            columns |= {"color": self.primvar(color), "opacity": self.primvar("displayOpacity")}
+        color, opacity: the primvars of vertices, "" for none."""
+        flat = self.triangles[chosen].ravel()
+        columns = {"normals": self._normals()}
+        columns |= {f"uv {number}": self.primvar(uvs) for number, uvs in enumerate(uv_names)}
+        columns |= {"color": self.primvar(color) if color else None}
+        columns |= {"opacity": self.primvar(opacity) if opacity else None}
         key = self.indices[flat]
         rows = {name: self._index(values, flat) for name, values in columns.items() if values is not None}
         for name_of, index in rows.items():
@@ -223,28 +261,40 @@ class Surface:
                 fields["second_uvs"] = sets[1]
             if len(sets) > 2:
                 fields["more_uvs"] = np.stack(sets[2:])
-        color = made.get("color")
-        if color is not None and color.shape[1] >= 3:
-            alpha = made.get("opacity")
+        color, alpha = made.get("color"), made.get("opacity")
+        if color is not None and color.shape[1] < 3:
+            color = np.repeat(color[:, :1], 3, axis=1)
+        if color is None and alpha is not None:
+            color = np.ones((len(alpha), 3))
+        if color is not None:
             shown = color[:, :3] if alpha is None else np.hstack([color[:, :3], alpha[:, :1]])
             fields["colors"] = shown.clip(0, 1).astype(np.float32)
         return fields
 
 
-@dataclass
-class _Attribute:
-    """Normals that are no primvar, with what `_values` asks of one."""
+def finite_rows(found: Any, attribute: Any, place: str, report: Report) -> NDArray[np.float64] | None:
+    """The values (N, K) of a primvar's attribute, one row for one that is no array; None without any, and (reported)
+    for those that aren't finite numbers."""
+    if found is None:
+        return None
+    rows = np.array(found if attribute.GetTypeName().isArray else [found])
+    if rows.dtype.kind not in "fiu" or not np.isfinite(rows).all():
+        report.add("primvars that aren't finite numbers are left out", place)
+        return None
+    return rows.astype(np.float64).reshape(len(rows), -1) if rows.size else None
 
-    attribute: Any
-    interpolation: str
 
-    def GetInterpolation(self) -> str:
-        """As a primvar has it."""
-        return str(self.interpolation)
-
-    def GetPrimvarName(self) -> str:
-        """As a primvar has it."""
-        return str(self.attribute.GetName())
+def shape_constant(prim: Any, name: str, time: Any, report: Report) -> tuple[float, ...] | None:
+    """The value of a primvar of a simple shape, None without one."""
+    primvar = UsdGeom.PrimvarsAPI(prim).FindPrimvarWithInheritance(name)
+    if not primvar:
+        return None
+    rows = finite_rows(primvar.ComputeFlattened(time), primvar.GetAttr(), f"<{prim.GetPath()}> {name}", report)
+    if rows is None:
+        return None
+    if len(rows) > 1 and primvar.GetInterpolation() != "constant":
+        report.add(_FIRST, f"<{prim.GetPath()}> {name}")
+    return tuple(rows[0].tolist())
 
 
 _SIZES: dict[str, dict[str, float]] = {

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import os
 from dataclasses import dataclass
-from typing import Any
+from pathlib import Path, PurePath
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from pxr import Ar
+from pxr import Ar, Sdf
 
 from solari_vk.base.budget import BudgetError, charge
 from solari_vk.base.errors import SolariError, quoted
@@ -18,6 +19,7 @@ from solari_vk.scene.files.gltf.values import clean
 from solari_vk.scene.files.usd.stage import Folder
 from solari_vk.scene.images import exr, image_files
 from solari_vk.scene.images.mip_chain import LINEAR_OF_SRGB, srgb_of_linear
+from solari_vk.scene.images.radiance_files import read_colors
 from solari_vk.scene.model import Texture, TextureImage
 
 _WRAP = {"repeat": "repeat", "mirror": "mirrored_repeat", "clamp": "clamp_to_edge", "black": "clamp_to_edge"}
@@ -47,6 +49,18 @@ class Use:
     fallback: Four | None = None
 
     @property
+    def lacking(self) -> Any:
+        """What the input has where the picture can't be read; None for what it has by default."""
+        if self.fallback is None:
+            return None
+        return self.fallback[:3] if self.channel == "rgb" else self.fallback[CHANNELS[self.channel]]
+
+    @property
+    def place_on_surface(self) -> Any:
+        """What two textures have in common whose pixels cover each other."""
+        return self.uvs, self.uv_transform, self.wrap
+
+    @property
     def is_plain(self) -> bool:
         """Whether its values are those of the picture."""
         return self.scale == (1, 1, 1, 1) and self.bias == (0, 0, 0, 0)
@@ -58,11 +72,19 @@ class Files:
     def __init__(self, folder: Folder) -> None:
         self.folder = folder
 
-    def resolved(self, asset: Any) -> str:
-        """The place of an asset path, "" without one."""
+    def place(self, attribute: Any, time: Any) -> str:
+        """Where the file is, or should be, that an attribute names, "" without one."""
+        asset = attribute.Get(time) if attribute else None
         if asset is None or not asset.path:
             return ""
-        return str(asset.resolvedPath or asset.path)
+        if asset.resolvedPath:
+            return str(asset.resolvedPath)
+        # USD leaves names of tiles, and of files that are missing, as they are. They are relative to the layer that has
+        # them.
+        layer = attribute.GetPropertyStack(time)[0].layer
+        found = str(Sdf.ComputeAssetPathRelativeToLayer(layer, asset.path))
+        folder = os.path.dirname(layer.realPath or self.folder.file)
+        return found if os.path.isabs(found) else os.path.join(folder, found)
 
     def read(self, place: str) -> bytes:
         """The content of a file. Raises SolariError for one that is outside or missing."""
@@ -70,7 +92,7 @@ class Files:
         if not self.folder.has(place):
             raise self.folder.outside("names the file", place)
         if not Ar.IsPackageRelativePath(place):
-            return read_regular(_relative(place, self.folder), f"{self.folder.file}: the file {name}")
+            return read_regular(Path(place), f"{self.folder.file}: the file {name}")
         found = Ar.GetResolver().OpenAsset(Ar.ResolvedPath(place))
         if not found:
             raise self.folder.error(f"the package has no file {name}: pack it again")
@@ -78,11 +100,18 @@ class Files:
         return bytes(found.GetBuffer())
 
 
-def _relative(place: str, folder: Folder) -> Any:
-    from pathlib import Path
+def file_name(place: str) -> str:
+    """The name of a file, which may be in a package."""
+    return PurePath(place.rstrip("]").rsplit("[", 1)[-1]).name
 
-    found = Path(place)
-    return found if found.is_absolute() else Path(folder.file).parent / found
+
+class _Picture(NamedTuple):
+    """Pixels (H, W, 4), the linear values (H, W, 4) of a file of floating-point numbers, else None, and whether colors
+    are sRGB where nothing else is said."""
+
+    pixels: NDArray[np.uint8]
+    values: NDArray[np.float32] | None
+    is_srgb: bool
 
 
 class Textures:
@@ -91,17 +120,21 @@ class Textures:
     def __init__(self, files: Files, report: Report) -> None:
         self._files = files
         self._report = report
-        self._read: dict[tuple[str, bool], tuple[NDArray[np.uint8], bool] | None] = {}
+        self._read: dict[tuple[str, bool], _Picture | None] = {}
         self._images: dict[Any, TextureImage] = {}
         self.uv_names: dict[str, int] = {}
-        """The names of sets of uvs by their number in the scene's textures."""
+        """The names of sets of uvs by their number in the textures of one material, which begins with none."""
 
     def has(self, use: Use) -> bool:
         """Whether a picture can be read; if not, that is reported."""
-        return self._pixels(use) is not None
+        return self._found(use) is not None
 
-    def _pixels(self, use: Use) -> tuple[NDArray[np.uint8], bool] | None:
-        """The pixels (H, W, 4), and whether colors are sRGB where the file says nothing else."""
+    def _picture(self, use: Use) -> _Picture:
+        found = self._found(use)
+        assert found is not None
+        return found
+
+    def _found(self, use: Use) -> _Picture | None:
         raw = use.space == "raw"
         key = use.file, raw
         if key not in self._read:
@@ -111,24 +144,38 @@ class Textures:
                 if "<UDIM>" in place:
                     self._report.add(_TILES, use.place)
                     place = place.replace("<UDIM>", _FIRST_TILE)
-                who = f"{self._files.folder.file}: {use.place} ({quoted(clean(os.path.basename(place)))})"
-                image = image_files.open_image(self._files.read(place), who, image_files.MORE_FORMATS)
-                self._read[key] = image_files.decode(image, who, linear=raw), _is_srgb(image)
+                self._read[key] = self._opened(place, use.place, raw)
             except BudgetError:
                 raise
             except SolariError as error:
                 self._report.lost(MISSING, error)
         return self._read[key]
 
+    def _opened(self, place: str, where: str, raw: bool) -> _Picture:
+        if not place:
+            raise SolariError(f"{self._files.folder.file}: {where} names no file: give it one")
+        name = file_name(place)
+        who = f"{self._files.folder.file}: {where} ({quoted(clean(name))})"
+        data = self._files.read(place)
+        if not name.lower().endswith((".exr", ".hdr")):
+            image = image_files.open_image(data, who, image_files.MORE_FORMATS)
+            return _Picture(image_files.decode(image, who, linear=raw), None, _is_srgb(image))
+        found = exr.ExrImage(data, who).colors(who) if name.lower().endswith(".exr") else read_colors(name, data, who)
+        if not np.isfinite(found).all():
+            raise SolariError(f"{who} holds NaN or infinite values: repair it in an image program")
+        values = np.ones((*found.shape[:2], 4), np.float32)
+        charge(values.nbytes, who, "a texture")
+        values[..., : found.shape[2]] = found
+        return _Picture(_codes(values), values, False)
+
     def _linear(self, use: Use) -> NDArray[np.float32]:
         """Values (H, W, 4) as the shader has them: linear, scaled and biased."""
-        found = self._pixels(use)
-        assert found is not None
-        pixels, is_srgb = found
+        pixels, values, _ = found = self._picture(use)
         charge(0, use.place, "a texture", working=_BYTES_PER_PIXEL * pixels.shape[0] * pixels.shape[1])
-        values = pixels.astype(np.float32) / 255
-        if self._in_srgb(use, is_srgb):
-            values[..., :3] = LINEAR_OF_SRGB[pixels[..., :3]]
+        if values is None:
+            values = np.divide(pixels, 255, dtype=np.float32)
+            if self._in_srgb(use, found.is_srgb):
+                values[..., :3] = LINEAR_OF_SRGB[pixels[..., :3]]
         return np.asarray(values * np.array(use.scale) + np.array(use.bias), np.float32)
 
     def _in_srgb(self, use: Use, is_srgb: bool) -> bool:
@@ -149,30 +196,33 @@ class Textures:
         if key not in self._images:
             pixels = make()
             charge(pixels.nbytes, use.place, "a texture")
-            self._images[key] = TextureImage(pixels, os.path.basename(use.file.rstrip("]")))
+            self._images[key] = TextureImage(pixels, file_name(use.file))
         return self._images[key]
 
-    def color(self, use: Use, alpha: Use | None = None) -> tuple[Texture, NDArray[np.float32]]:
-        """A texture of sRGB colors with the alpha of another use, and the factor (3,) that it is multiplied by."""
-        found = self._pixels(use)
-        assert found is not None
-        pixels, is_srgb = found
-        plain = use.channel == "rgb" and use.bias == (0, 0, 0, 0) and self._in_srgb(use, is_srgb)
+    def color(self, use: Use, alpha: Use | None = None, highest: float = 1.0) -> tuple[Texture, NDArray[np.float32]]:
+        """A texture of sRGB colors with the alpha of another use, and the factor (3,) that it is multiplied by.
+        highest: what neither the factor nor a color exceeds."""
+        pixels, values, is_srgb = self._picture(use)
         scale = np.array(use.scale[:3], np.float32)
+        plain = values is None and use.channel == "rgb" and use.bias == (0, 0, 0, 0) and self._in_srgb(use, is_srgb)
+        plain = plain and 0 <= scale.min() <= scale.max() <= highest
+        if alpha is not None:
+            self._compare(use, alpha)
         own_alpha = alpha is None or (alpha.file == use.file and alpha.channel == "a" and alpha.is_plain)
         key: Any = "color", use.file, use.channel, use.space, alpha
-        if plain and scale.min() >= 0:
+        if plain:
             factor = scale
         else:
             values = self._linear(use)
             shown = values[..., :3] if use.channel == "rgb" else values[..., [CHANNELS[use.channel]] * 3]
+            shown = shown.clip(0, highest)
             factor = np.full(3, max(float(shown.max()), 1.0), np.float32)
-            key = (*key, use.scale, use.bias)
+            key = (*key, use.scale, use.bias, highest)
 
         def make() -> NDArray[np.uint8]:
             made = pixels.copy()
-            if not (plain and scale.min() >= 0):
-                made[..., :3] = srgb_of_linear((shown / factor).clip(0, 1))
+            if not plain:
+                made[..., :3] = srgb_of_linear(shown / factor)
             if alpha is None:
                 made[..., 3] = 255
             elif not own_alpha:
@@ -189,11 +239,7 @@ class Textures:
     def packed(self, uses: dict[int, Use]) -> Texture:
         """A texture that has uses in channels by their numbers; 1 in the others."""
         first = next(iter(uses.values()))
-        if any(
-            (use.uvs, use.uv_transform, use.wrap) != (first.uvs, first.uv_transform, first.wrap)
-            for use in uses.values()
-        ):
-            self._report.add("textures of one surface with different uvs take those of the first", first.place)
+        self._compare(*uses.values())
 
         def make() -> NDArray[np.uint8]:
             found = {channel: _codes(self.gray(use)) for channel, use in uses.items()}
@@ -204,6 +250,10 @@ class Textures:
             return made
 
         return self._texture(first, self._image(("packed", *uses.items()), first, make))
+
+    def _compare(self, *uses: Use) -> None:
+        if len({use.place_on_surface for use in uses}) > 1:
+            self._report.add("textures of one surface with different uvs take those of the first", uses[0].place)
 
     def normal(self, use: Use) -> Texture:
         """A texture of normals, whose codes 0 to 255 are -1 to 1."""
@@ -217,17 +267,14 @@ class Textures:
             made[..., :3] = _codes(shown[..., :3])
             return made
 
-        found = self._pixels(use)
-        assert found is not None
+        found = self._picture(use)
         key = "normal", use.file, use.space, use.scale, use.bias
-        as_it_is = usual and not self._in_srgb(use, found[1])
-        return self._texture(use, self._image(key, use, (lambda: found[0].copy()) if as_it_is else make))
+        as_it_is = usual and not self._in_srgb(use, found.is_srgb)
+        return self._texture(use, self._image(key, use, found.pixels.copy if as_it_is else make))
 
 
 def _is_srgb(image: Any) -> bool:
     """Whether a picture has 8 bits in each of 3 or 4 channels."""
-    if isinstance(image, exr.ExrImage):
-        return True  # decoded to sRGB codes, as a linear color has them
     mode = getattr(image, "mode", "RGBA")
     deep = "16" in str(getattr(image, "tile", ""))
     return mode in ("RGB", "RGBA", "P", "CMYK", "YCbCr") and not deep
