@@ -25,6 +25,8 @@ def repetitions(
     times = [Usd.TimeCode(code) for code in codes] or [motion.time]
     charge(_BYTES_PER_POINT * count * len(times), f"{who}: {place}", f"{count:,} points")
     leave, all_points = UsdGeom.PointInstancer.ExcludeProtoXform, UsdGeom.PointInstancer.IgnoreMask
+    if any(primvar.GetInterpolation() != "constant" for primvar in UsdGeom.PrimvarsAPI(instancer).GetPrimvars()):
+        report.add("primvars of points of instancers have no effect", place)
     found: list[Matrix] = []
     for time in times:
         made = instancer.ComputeInstanceTransformsAtTime(time, time, leave, all_points)

@@ -225,6 +225,8 @@ class _Loader:
                 played = LENS
             elif prim.HasAPI(UsdLux.LightAPI):
                 played = self._add_light(place)
+            if prim.IsModel() and prim.GetAttribute("model:applyDrawMode").Get():
+                self._report.add("draw modes (cards, bounds) have no effect", f"<{prim.GetPath()}>")
             if not prim.IsA(UsdSkel.Animation):
                 report_unplayed(self._report, prim, played)
 

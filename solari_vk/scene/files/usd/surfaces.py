@@ -86,7 +86,7 @@ class Surface:
             raise self._error("has no triangle with an area: export it again, or remove it")
         self._smooth: NDArray[Any] | None = None
         self._scheme = mesh.GetSubdivisionSchemeAttr().Get(self._time) if mesh else UsdGeom.Tokens.none
-        if self._scheme != UsdGeom.Tokens.none:
+        if len(self.triangles) and self._scheme != UsdGeom.Tokens.none:
             self._add_cage(mesh)
         self.parts = self._parts(mesh)
         self._primvars: dict[Any, Values | None] = {}

@@ -1,0 +1,216 @@
+"""Small USD files as text: what they show, and what is said of that which they don't."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from support.files import image_file
+
+import solari_vk as sv
+from solari_vk.scene.images.mip_chain import LINEAR_OF_SRGB
+
+pytest.importorskip("pxr")
+import OpenEXR
+
+FACES = 'int[] faceVertexCounts=[4]; int[] faceVertexIndices=[0,1,2,3]; uniform token subdivisionScheme="none"; '
+SQUARE = "point3f[] points=[(-1,-1,0),(1,-1,0),(1,1,0),(-1,1,0)]; " + FACES
+PARTS = """point3f[] points=[(0,0,0),(1,0,0),(1,1,0),(0,1,0),(2,0,0),(2,1,0)]; int[] faceVertexCounts=[4,4,3]
+int[] faceVertexIndices=[0,1,2,3,1,4,5,2,0,0,0]; uniform token subdivisionScheme="none"
+""" + "".join(
+    f'def GeomSubset "s{k}" {{ uniform token familyName="materialBind"; int[] indices=[{k}] }}\n' for k in (0, 2)
+)
+ONE = "[((1,0,0,0),(0,1,0,0),(0,0,1,0),(0,0,0,1))]"
+SKIN = f"""def SkelRoot "P" {{ def Skeleton "s" {{ uniform token[] joints=["j"]; uniform matrix4d[] bindTransforms={ONE}
+uniform matrix4d[] restTransforms={ONE} }}
+def Mesh "m" (prepend apiSchemas=["SkelBindingAPI"]) {{ rel skel:skeleton=<%s/P/s>; {SQUARE} %s
+int[] primvars:skel:jointIndices=[0] (interpolation="constant")
+float[] primvars:skel:jointWeights=[1] (interpolation="constant") }} }}\n"""
+BLINKS = 'token visibility.timeSamples={0:"inherited",24:"invisible"}; '
+
+
+def scaled(z):
+    return f'float3 xformOp:scale=({z},1,1); uniform token[] xformOpOrder=["xformOp:scale"]; '
+
+
+def copies(red, green):
+    """Two instances of P."""
+    head = '(instanceable=true; references=</P>; prepend apiSchemas=["MaterialBindingAPI"]) { %s; '
+    place = 'double3 xformOp:translate=(%d,0,0); uniform token[] xformOpOrder=["xformOp:translate"] }\n'
+    return "".join(f'def SkelRoot "i{x}" ' + head % own + place % x for x, own in ((5, red), (9, green)))
+
+
+def points(below, more=""):
+    head = "rel prototypes=</i/P>; int[] protoIndices=[0,0]; point3f[] positions=[(5,0,0),(9,0,0)]; "
+    return f'def PointInstancer "i" {{ {head}{more}; {below} }}'
+
+
+def look(inputs, nodes="", name="m"):
+    head = f'def Material "{name}" {{ token outputs:surface.connect=</{name}/s.outputs:surface>; {nodes}\n'
+    return (
+        f'{head} def Shader "s" {{ uniform token info:id="UsdPreviewSurface"; {inputs}; token outputs:surface }} }}\n'
+    )
+
+
+def mesh(more="", apis='"MaterialBindingAPI"', name="a", shape=SQUARE):
+    return f'def Mesh "{name}" (prepend apiSchemas=[{apis}]) {{ rel material:binding=</m>; {shape} {more} }}\n'
+
+
+def textured(name, file, more="", output="rgb"):
+    node = (
+        f'uniform token info:id="UsdUVTexture"; asset inputs:file=@{file}@; float outputs:a; float3 outputs:rgb; {more}'
+    )
+    node = f'def Shader "t" {{ {node} }}'
+    return look(f"{'float' if output == 'a' else 'color3f'} inputs:{name}.connect=</m/t.outputs:{output}>", node)
+
+
+def reader(name):
+    node = 'uniform token info:id="UsdPrimvarReader_float3"; string inputs:varname="tint"'
+    node = f'def Shader "r" {{ {node}; float3 inputs:fallback=(0.1,0.2,0.3); float3 outputs:result }}'
+    return look(f"color3f inputs:{name}.connect=</m/r.outputs:result>", node)
+
+
+def display(color):
+    return f"color3f[] primvars:displayColor=[{color}]"
+
+
+def load(tmp_path, text, first='def Cube "x" {}', **options):
+    text = f'#usda 1.0\n(\nupAxis = "Y"\nmetersPerUnit = 1\n)\n{first}\n{text}'
+    (tmp_path / "a.usda").write_text(text.replace(" }", "\n}").replace("{ ", "{\n").replace("; ", "\n"))
+    (tmp_path / "t.1001.png").write_bytes(image_file(np.full((2, 2, 3), 100, np.uint8)))
+    with OpenEXR.File({"type": OpenEXR.scanlineimage}, {"RGB": np.full((2, 2, 3), 10, np.float32)}) as file:
+        file.write(str(tmp_path / "e.exr"))
+    return sv.load(tmp_path / "a.usda", **options)
+
+
+def n(values):
+    return np.round(np.asarray(values, float), 3).tolist()
+
+
+def colors(scene):
+    return [n(one.material.base_color) for one in list(scene)[1:]]
+
+
+def product(scene):
+    """The color of the texture's first pixel."""
+    found = scene["a"].material
+    name = "base_color" if found.emissive_texture is None else "emissive"
+    return n(LINEAR_OF_SRGB[getattr(found, f"{name}_texture").image.pixels[0, 0, :3]] * getattr(found, name))
+
+
+def emissive(scene):
+    return [n(one.material.emissive)[0] for one in list(scene)[1:]]
+
+
+def joints(scene):
+    return [n(one.joint_matrices[0, :, 3])[0] for one in scene if one.joint_matrices is not None]
+
+
+def camera(scene, time=0.0):
+    scene.animate(time, loop=False)
+    found = scene.cameras["c"]
+    return n((found.aperture, *found.principal_point, found.near))
+
+
+RED, GREEN = "(1,0,0)", "(0,1,0)"
+TWO = [[1, 0, 0], [0, 1, 0]]
+PRIM = f'class "P" {{ def Mesh "m" {{ {SQUARE} }} }}\n'
+BOUND = "".join(look(f"color3f inputs:diffuseColor={color}", name=f"m{color[1]}") for color in (RED, GREEN))
+VERTEX = 'color3f[] primvars:tint=[(1,0,0),(0,1,0),(0,0,1),(1,1,1)] (interpolation="vertex")'
+RESET = 'def Cube "c" { uniform token[] xformOpOrder=["!resetXformStack!"] }'
+
+
+@pytest.mark.parametrize(("text", "seen", "wanted"), [
+    (BOUND + PRIM + copies("rel material:binding=</m1>", "rel material:binding=</m0>"), colors, TWO),
+    (PRIM + copies(display(RED), display(GREEN)), lambda s: (colors(s), len(s.meshes)), (TWO, 2)),
+    (SKIN % ("", "") + copies("", ""), joints, [0, 5, 9]),
+    (points(SKIN % ("/i", "")), joints, [5, 9]),
+    (f'def Xform "w" {{ {scaled(-1)} {SKIN % ("/w", "")} }}', lambda s: s["m"].mesh.triangles[0].tolist(), [2, 1, 0]),
+    (textured("opacity", "no.png", "float4 inputs:fallback=(0,0.9,0,1)", "a") + mesh(),
+     lambda s: (s["a"].material.transmission, s["a"].material.alpha), (0, 1)),
+    (textured("diffuseColor", "no.png") + mesh(), colors, [[0, 0, 0]]),
+    (textured("diffuseColor", "t.1001.png", "float4 inputs:scale=(2,2,2,1)") + mesh(), product, [0.254] * 3),
+    (textured("emissiveColor", "e.exr") + mesh(), product, [10] * 3),
+    (textured("diffuseColor", "./t.<UDIM>.png") + mesh(), product, [0.127] * 3),
+    (reader("diffuseColor") + mesh("color3f primvars:tint=(1,0,0)"), colors, [[1, 0, 0]]),
+    (reader("emissiveColor") + mesh("color3f[] primvars:tint=[(1,0,0)]"), emissive, [1]),
+    (reader("diffuseColor") + mesh(), colors, [[0.1, 0.2, 0.3]]),
+    ('def Material "m" {}\n' + mesh(display(RED)) + mesh(display(GREEN), name="b"), colors, TWO),
+    (mesh(shape=SQUARE.replace("none", "bilinear")), lambda s: s["a"].mesh.normals, None),
+    ('def SphereLight "l" (prepend apiSchemas=["ShapingAPI"]) { float inputs:shaping:cone:angle=120 }',
+     lambda s: n(s.lights["l"].profile.shares.ravel()[[0, 235, 245]]), [1, 1, 0]),
+    (mesh("float inputs:intensity=8; bool inputs:normalize=1", '"MeshLightAPI"', shape=PARTS), emissive, [4, 4]),
+    (mesh(shape=PARTS), lambda s: [one.name for one in s], ["x", "a s0", "a"]),
+    (textured("emissiveColor", "e.exr") + mesh('uniform token light:materialSyncMode="independent"',
+     '"MeshLightAPI", "MaterialBindingAPI"'), lambda s: (emissive(s), s["a"].material.emissive_texture), ([1], None)),
+    ('def Sphere "a" (prepend apiSchemas=["MeshLightAPI"]) { float inputs:intensity=8 }', emissive, [8]),
+    ('def Camera "c" { token visibility="invisible" }', lambda s: len(s.cameras), 1),
+    ('def Camera "c" { float fStop.timeSamples={0:2,24:0}; float focusDistance=3; float focalLength=50000 }',
+     lambda s: (camera(s)[0], camera(s, 1)[0]), (2500, 0)),
+    ('def Camera "c" { float horizontalApertureOffset.timeSamples={0:0,24:2.0955}\n'
+     'float2 clippingRange.timeSamples={0:(1,9),24:(2,9)} }', lambda s: camera(s, 1), [0, 0.4, 0.5, 2]),
+    (mesh('float[] primvars:displayOpacity=[0,0.5,1,1] (interpolation="vertex")').replace("</m>", "</none>"),
+     lambda s: (n(s["a"].mesh.colors[1]), colors(s)[0]), ([1, 1, 1, 0.5], [0.5] * 3)),
+    (f'def Cube "a" {{ {display(RED + "," + GREEN)}; int[] primvars:displayColor:indices=[1] }}', colors, TWO[1:]),
+    (f'def Xform "p" {{ {BLINKS}{scaled(3)} {RESET} }}',
+     lambda s: (s["c"].visible, s.animate(1, loop=False), s["c"].visible, s["c"].transform[0, 0]),
+     (True, None, False, 1)),
+    (f'def DomeLight "d" {{ {scaled(-1)} }}', lambda s: s.environment is not None, True),
+])  # fmt: skip
+def test_what_is_shown(tmp_path, text, seen, wanted):
+    assert seen(load(tmp_path, text)) == wanted
+
+
+@pytest.mark.parametrize(("purpose", "count"), [("proxy", 2), ("guide", 0), ("render", 2)])
+def test_purposes_are_decided_before_anything_is_added(tmp_path, purpose, count):
+    text = points('def Cube "P" {}', f'uniform token purpose="{purpose}"')
+    scene = load(tmp_path, f'def SphereLight "l" {{}}\ndef Camera "c" {{}}\n{text}', "")
+    assert (len(scene.instances), len(scene.lights), len(scene.cameras)) == (count, 1, 1)
+    assert len(scene.warnings) == (purpose != "render")
+
+
+@pytest.mark.parametrize(("text", "words"), [
+    (f'def DomeLight "d" {{ {BLINKS} }}', "neither move nor blink: they are as at the start: </d>"),
+    *[(text.replace("KEYS", f".timeSamples={{0:{first},24:{last}}}"), "left out: it is as at the start: <")
+      for text, first, last in (
+        ('def DomeLight "d" { float inputs:intensityKEYS }', 1, 2), ('def Cube "c" { double sizeKEYS }', 1, 2),
+        (look("color3f inputs:diffuseColorKEYS") + mesh(), RED, GREEN),
+        (points('def Cube "P" {}', "int64[] invisibleIdsKEYS"), "[0]", "[1]"),
+        ('def SphereLight "l" (prepend apiSchemas=["ShapingAPI"]) { float inputs:shaping:cone:angleKEYS }', 1, 2),
+        (mesh("color3f[] primvars:displayColorKEYS"), "[(1,0,0)]", "[(0,1,0)]"))],
+    (mesh("int[] creaseIndices=[0,1]", shape=SQUARE.replace("none", "loop")), "creases and corners"),
+    (reader("roughness") + mesh(VERTEX), "vary over a surface"),
+    (textured("diffuseColor", "t.1001.png") + mesh(), "lack the uvs that their textures ask for: </a> st"),
+    (textured("diffuseColor", "") + mesh(), "</m/t> names no file"),
+    (textured("diffuseColor", "./sub/no.png") + mesh(), "'no.png': there is no such file"),
+    (mesh('string[] primvars:displayColor=["a"]', "").replace("</m>", "</none>"), "numbers are left out: </a> primvars"),
+    ('def Cube "c" { double size=0 }', "</c>"), ('def RectLight "r" { float inputs:width=0 }', "</r>"),
+    (f'def Cube "c" {{ {display("(nan,0,0)")} }}', "numbers are left out: </c> displayColor"),
+    ('def SphereLight "l" { float inputs:radius=0 }', "radius of 0"),
+    ('def SphereLight "l" { color3f inputs:color.timeSamples={0:(1,1,1),24:(-1,0,0)} }', "wrong time samples are left"),
+    (SKIN % ("", 'uniform token[] skel:joints=["nope"]'), "'nope'"),
+    (SKIN % ("", 'uniform token[] skel:blendShapes=["a"]; rel skel:blendShapeTargets=[</x>, </P>]'), "1 names of blend"),
+    ('class "P" { def Cube "c" {}\n }\n' + points("").replace("/i/P", "/P"), "classes show nothing: make them"),
+    (points('def Cube "P" {}', VERTEX), "of points"),
+    ('def Xform "m" (kind="component"; prepend apiSchemas=["GeomModelAPI"]) { bool model:applyDrawMode=1 }', "draw modes"),
+    (mesh("bool inputs:shadow:enable=0", '"MeshLightAPI", "ShadowAPI"'), "shadow:enable"),
+])  # fmt: skip
+def test_what_is_said(tmp_path, text, words):
+    assert words in str(load(tmp_path, text).warnings)
+
+
+def test_variants_below_prototypes(tmp_path):
+    kinds = "".join(f'"{color}" {{ def {kind} "c" {{}}\n }}\n' for color, kind in (("blue", "Cube"), ("red", "Sphere")))
+    sets = f'(variants={{ string color="blue" }}; prepend variantSets="color") {{ variantSet "color" = {{ {kinds} }} }}'
+    text = f'over "O" {{ def "P" {sets} }}\n' + points("").replace("/i/P", "/O/P")
+    assert [one.mesh.name for one in load(tmp_path, text, "", variants={"color": "red"})] == ["Sphere"] * 2
+
+
+def test_ies_files_are_read_once(tmp_path, monkeypatch):
+    reads = []
+    parse = sv.LightProfile.parse
+    monkeypatch.setattr(sv.LightProfile, "parse", lambda *every: reads.append(1) or parse(*every))
+    (tmp_path / "x.ies").write_text("IESNA:LM-63-2002\nTILT=NONE\n1 1 1 2 1 1 1 0 0 0\n1 1 1\n0 90\n0\n100 50\n")
+    keys = ",".join(f"{code}:{code}" for code in range(9))
+    text = f"asset inputs:shaping:ies:file=@./x.ies@; float inputs:intensity.timeSamples={{{keys}}}"
+    scene = load(tmp_path, f'def SphereLight "l" {{ {text} }}')
+    assert (len(reads), scene.animations[0].duration) == (1, pytest.approx(8 / 24))
