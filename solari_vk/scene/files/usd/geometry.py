@@ -53,6 +53,8 @@ class Geometry:
             self._shapes[shape] = shape_mesh(shape)
         mesh = self._shapes[shape]
         look = self._look(prim, prim, lambda name: shape_constant(prim, name, self._time, self._report))
+        for name in look.uvs[1:]:  # shapes have one set of their own
+            self._report.add(_NO_UVS, f"<{prim.GetPath()}> {name}")
         material = self._lit(prim, look.material, lambda: mesh.positions[mesh.triangles], world)
         return [Part(mesh, material, prim.GetName())]
 
