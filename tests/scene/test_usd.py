@@ -128,14 +128,6 @@ def test_visibility_purpose_and_activation(tmp_path):
     assert scene["blinks"].visible
 
 
-def test_proxies_are_shown_where_nothing_else_is(tmp_path):
-    stage = new(tmp_path / "proxy.usda")
-    UsdGeom.Imageable(UsdGeom.Cube.Define(stage, "/a").GetPrim()).GetPurposeAttr().Set("proxy")
-    scene = loaded(stage)
-    assert len(scene.instances) == 1
-    assert any("only proxies" in line for line in scene.warnings)
-
-
 # ---- surfaces ----------------------------------------------------------------------------------------------
 
 

@@ -26,10 +26,12 @@ def Mesh "m" (prepend apiSchemas=["SkelBindingAPI"]) {{ rel skel:skeleton=<%s/P/
 int[] primvars:skel:jointIndices=[0] (interpolation="constant")
 float[] primvars:skel:jointWeights=[1] (interpolation="constant") }} }}\n"""
 BLINKS = 'token visibility.timeSamples={0:"inherited",24:"invisible"}; '
-
-
-def scaled(z):
-    return f'float3 xformOp:scale=({z},1,1); uniform token[] xformOpOrder=["xformOp:scale"]; '
+SCALED = 'float3 xformOp:scale=(%d,1,1); uniform token[] xformOpOrder=["xformOp:scale"]; '
+DISPLAY = "color3f[] primvars:displayColor=[%s]"
+TEXTURE = 'uniform token info:id="UsdUVTexture"; asset inputs:file=@%s@; '
+READER = 'uniform token info:id="UsdPrimvarReader_float3"; string inputs:varname="tint"; '
+READER += "float3 inputs:fallback=(0.1,0.2,0.3)"
+PREVIEW = 'uniform token info:id="UsdPreviewSurface"; token outputs:surface; '
 
 
 def copies(red, green):
@@ -46,31 +48,16 @@ def points(below, more=""):
 
 def look(inputs, nodes="", name="m"):
     head = f'def Material "{name}" {{ token outputs:surface.connect=</{name}/s.outputs:surface>; {nodes}\n'
-    return (
-        f'{head} def Shader "s" {{ uniform token info:id="UsdPreviewSurface"; {inputs}; token outputs:surface }} }}\n'
-    )
+    return f'{head} def Shader "s" {{ {PREVIEW}{inputs} }} }}\n'
 
 
 def mesh(more="", apis='"MaterialBindingAPI"', name="a", shape=SQUARE):
     return f'def Mesh "{name}" (prepend apiSchemas=[{apis}]) {{ rel material:binding=</m>; {shape} {more} }}\n'
 
 
-def textured(name, file, more="", output="rgb"):
-    node = (
-        f'uniform token info:id="UsdUVTexture"; asset inputs:file=@{file}@; float outputs:a; float3 outputs:rgb; {more}'
-    )
-    node = f'def Shader "t" {{ {node} }}'
+def connected(name, node, output="rgb"):
+    node = f'def Shader "t" {{ float outputs:a; float3 outputs:rgb; {node} }}'
     return look(f"{'float' if output == 'a' else 'color3f'} inputs:{name}.connect=</m/t.outputs:{output}>", node)
-
-
-def reader(name):
-    node = 'uniform token info:id="UsdPrimvarReader_float3"; string inputs:varname="tint"'
-    node = f'def Shader "r" {{ {node}; float3 inputs:fallback=(0.1,0.2,0.3); float3 outputs:result }}'
-    return look(f"color3f inputs:{name}.connect=</m/r.outputs:result>", node)
-
-
-def display(color):
-    return f"color3f[] primvars:displayColor=[{color}]"
 
 
 def load(tmp_path, text, first='def Cube "x" {}', **options):
@@ -86,8 +73,9 @@ def n(values):
     return np.round(np.asarray(values, float), 3).tolist()
 
 
-def colors(scene):
-    return [n(one.material.base_color) for one in list(scene)[1:]]
+def of(field):
+    """What the materials of all objects but the first have."""
+    return lambda scene: [n(getattr(one.material, field)) for one in list(scene)[1:]]
 
 
 def product(scene):
@@ -95,10 +83,6 @@ def product(scene):
     found = scene["a"].material
     name = "base_color" if found.emissive_texture is None else "emissive"
     return n(LINEAR_OF_SRGB[getattr(found, f"{name}_texture").image.pixels[0, 0, :3]] * getattr(found, name))
-
-
-def emissive(scene):
-    return [n(one.material.emissive)[0] for one in list(scene)[1:]]
 
 
 def joints(scene):
@@ -111,6 +95,8 @@ def camera(scene, time=0.0):
     return n((found.aperture, *found.principal_point, found.near))
 
 
+BOTH = '"MeshLightAPI", "MaterialBindingAPI"'
+BASE, GLOW = of("base_color"), of("emissive")
 RED, GREEN = "(1,0,0)", "(0,1,0)"
 TWO = [[1, 0, 0], [0, 1, 0]]
 PRIM = f'class "P" {{ def Mesh "m" {{ {SQUARE} }} }}\n'
@@ -120,41 +106,42 @@ RESET = 'def Cube "c" { uniform token[] xformOpOrder=["!resetXformStack!"] }'
 
 
 @pytest.mark.parametrize(("text", "seen", "wanted"), [
-    (BOUND + PRIM + copies("rel material:binding=</m1>", "rel material:binding=</m0>"), colors, TWO),
-    (PRIM + copies(display(RED), display(GREEN)), lambda s: (colors(s), len(s.meshes)), (TWO, 2)),
+    (BOUND + PRIM + copies("rel material:binding=</m1>", "rel material:binding=</m0>"), BASE, TWO),
+    (PRIM + copies(DISPLAY % RED, DISPLAY % GREEN), lambda s: (BASE(s), len(s.meshes)), (TWO, 2)),
     (SKIN % ("", "") + copies("", ""), joints, [0, 5, 9]),
     (points(SKIN % ("/i", "")), joints, [5, 9]),
-    (f'def Xform "w" {{ {scaled(-1)} {SKIN % ("/w", "")} }}', lambda s: s["m"].mesh.triangles[0].tolist(), [2, 1, 0]),
-    (textured("opacity", "no.png", "float4 inputs:fallback=(0,0.9,0,1)", "a") + mesh(),
+    (f'def Xform "w" {{ {SCALED % -1} {SKIN % ("/w", "")} }}', lambda s: s["m"].mesh.triangles[0].tolist(), [2, 1, 0]),
+    (connected("opacity", TEXTURE % "no.png" + "float4 inputs:fallback=(0,0.9,0,1)", "a") + mesh(),
      lambda s: (s["a"].material.transmission, s["a"].material.alpha), (0, 1)),
-    (textured("diffuseColor", "no.png") + mesh(), colors, [[0, 0, 0]]),
-    (textured("diffuseColor", "t.1001.png", "float4 inputs:scale=(2,2,2,1)") + mesh(), product, [0.254] * 3),
-    (textured("emissiveColor", "e.exr") + mesh(), product, [10] * 3),
-    (textured("diffuseColor", "./t.<UDIM>.png") + mesh(), product, [0.127] * 3),
-    (reader("diffuseColor") + mesh("color3f primvars:tint=(1,0,0)"), colors, [[1, 0, 0]]),
-    (reader("emissiveColor") + mesh("color3f[] primvars:tint=[(1,0,0)]"), emissive, [1]),
-    (reader("diffuseColor") + mesh(), colors, [[0.1, 0.2, 0.3]]),
-    ('def Material "m" {}\n' + mesh(display(RED)) + mesh(display(GREEN), name="b"), colors, TWO),
+    (connected("diffuseColor", TEXTURE % "no.png") + mesh(), BASE, [[0, 0, 0]]),
+    (connected("diffuseColor", TEXTURE % "t.1001.png" + "float4 inputs:scale=(2,2,2,1)") + mesh(),
+     product, [0.254] * 3),
+    (connected("emissiveColor", TEXTURE % "e.exr") + mesh(), product, [10] * 3),
+    (connected("diffuseColor", TEXTURE % "./t.<UDIM>.png") + mesh(), product, [0.127] * 3),
+    (connected("diffuseColor", READER) + mesh("color3f primvars:tint=(1,0,0)"), BASE, [[1, 0, 0]]),
+    (connected("emissiveColor", READER) + mesh("color3f[] primvars:tint=[(1,0,0)]"), GLOW, TWO[:1]),
+    (connected("diffuseColor", READER) + mesh(), BASE, [[0.1, 0.2, 0.3]]),
+    ('def Material "m" {}\n' + mesh(DISPLAY % RED) + mesh(DISPLAY % GREEN, name="b"), BASE, TWO),
     (mesh(shape=SQUARE.replace("none", "bilinear")), lambda s: s["a"].mesh.normals, None),
     ('def SphereLight "l" (prepend apiSchemas=["ShapingAPI"]) { float inputs:shaping:cone:angle=120 }',
      lambda s: n(s.lights["l"].profile.shares.ravel()[[0, 235, 245]]), [1, 1, 0]),
-    (mesh("float inputs:intensity=8; bool inputs:normalize=1", '"MeshLightAPI"', shape=PARTS), emissive, [4, 4]),
+    (mesh("float inputs:intensity=8; bool inputs:normalize=1", '"MeshLightAPI"', shape=PARTS), GLOW, [[4] * 3, [4] * 3]),
     (mesh(shape=PARTS), lambda s: [one.name for one in s], ["x", "a s0", "a"]),
-    (textured("emissiveColor", "e.exr") + mesh('uniform token light:materialSyncMode="independent"',
-     '"MeshLightAPI", "MaterialBindingAPI"'), lambda s: (emissive(s), s["a"].material.emissive_texture), ([1], None)),
-    ('def Sphere "a" (prepend apiSchemas=["MeshLightAPI"]) { float inputs:intensity=8 }', emissive, [8]),
+    (connected("emissiveColor", TEXTURE % "e.exr") + mesh('uniform token light:materialSyncMode="independent"', BOTH),
+     lambda s: (GLOW(s), s["a"].material.emissive_texture), ([[1] * 3], None)),
+    ('def Sphere "a" (prepend apiSchemas=["MeshLightAPI"]) { float inputs:intensity=8 }', GLOW, [[8] * 3]),
     ('def Camera "c" { token visibility="invisible" }', lambda s: len(s.cameras), 1),
     ('def Camera "c" { float fStop.timeSamples={0:2,24:0}; float focusDistance=3; float focalLength=50000 }',
      lambda s: (camera(s)[0], camera(s, 1)[0]), (2500, 0)),
     ('def Camera "c" { float horizontalApertureOffset.timeSamples={0:0,24:2.0955}\n'
      'float2 clippingRange.timeSamples={0:(1,9),24:(2,9)} }', lambda s: camera(s, 1), [0, 0.4, 0.5, 2]),
     (mesh('float[] primvars:displayOpacity=[0,0.5,1,1] (interpolation="vertex")').replace("</m>", "</none>"),
-     lambda s: (n(s["a"].mesh.colors[1]), colors(s)[0]), ([1, 1, 1, 0.5], [0.5] * 3)),
-    (f'def Cube "a" {{ {display(RED + "," + GREEN)}; int[] primvars:displayColor:indices=[1] }}', colors, TWO[1:]),
-    (f'def Xform "p" {{ {BLINKS}{scaled(3)} {RESET} }}',
+     lambda s: (n(s["a"].mesh.colors[1]), BASE(s)), ([1, 1, 1, 0.5], [[0.5] * 3])),
+    (f'def Cube "a" {{ {DISPLAY % (RED + "," + GREEN)}; int[] primvars:displayColor:indices=[1] }}', BASE, TWO[1:]),
+    (f'def Xform "p" {{ {BLINKS}{SCALED % 3} {RESET} }}',
      lambda s: (s["c"].visible, s.animate(1, loop=False), s["c"].visible, s["c"].transform[0, 0]),
      (True, None, False, 1)),
-    (f'def DomeLight "d" {{ {scaled(-1)} }}', lambda s: s.environment is not None, True),
+    (f'def DomeLight "d" {{ {SCALED % -1} }}', lambda s: s.environment is not None, True),
 ])  # fmt: skip
 def test_what_is_shown(tmp_path, text, seen, wanted):
     assert seen(load(tmp_path, text)) == wanted
@@ -178,13 +165,13 @@ def test_purposes_are_decided_before_anything_is_added(tmp_path, purpose, count)
         ('def SphereLight "l" (prepend apiSchemas=["ShapingAPI"]) { float inputs:shaping:cone:angleKEYS }', 1, 2),
         (mesh("color3f[] primvars:displayColorKEYS"), "[(1,0,0)]", "[(0,1,0)]"))],
     (mesh("int[] creaseIndices=[0,1]", shape=SQUARE.replace("none", "loop")), "creases and corners"),
-    (reader("roughness") + mesh(VERTEX), "vary over a surface"),
-    (textured("diffuseColor", "t.1001.png") + mesh(), "lack the uvs that their textures ask for: </a> st"),
-    (textured("diffuseColor", "") + mesh(), "</m/t> names no file"),
-    (textured("diffuseColor", "./sub/no.png") + mesh(), "'no.png': there is no such file"),
+    (connected("roughness", READER) + mesh(VERTEX), "vary over a surface"),
+    (connected("diffuseColor", TEXTURE % "t.1001.png") + mesh(), "lack the uvs that their textures ask for: </a> st"),
+    (connected("diffuseColor", TEXTURE % "") + mesh(), "</m/t> names no file"),
+    (connected("diffuseColor", TEXTURE % "./sub/no.png") + mesh(), "'no.png': there is no such file"),
     (mesh('string[] primvars:st=["a"]'), "numbers are left out: </a> primvars:st"),
     ('def Cube "c" { double size=0 }', "</c>"), ('def RectLight "r" { float inputs:width=0 }', "</r>"),
-    (f'def Cube "c" {{ {display("(nan,0,0)")} }}', "numbers are left out: </c> displayColor"),
+    (f'def Cube "c" {{ {DISPLAY % "(nan,0,0)"} }}', "numbers are left out: </c> displayColor"),
     ('def SphereLight "l" { float inputs:radius=0 }', "radius of 0"),
     ('def SphereLight "l" { color3f inputs:color.timeSamples={0:(1,1,1),24:(-1,0,0)} }', "wrong time samples are left"),
     (SKIN % ("", 'uniform token[] skel:joints=["nope"]'), "'nope'"),
