@@ -315,28 +315,7 @@ def test_uvs_are_moved_and_named(tmp_path, picture):
     assert scene.instances[0].mesh.second_uvs is not None
 
 
-def test_missing_pictures_primvars_and_other_shaders(tmp_path):
-    found, scene = surface(
-        tmp_path, lambda *two: texture(*two, "diffuseColor", "rgb", file="./no.png", fallback=(0.1, 0.2, 0.3, 1.0))
-    )
-    assert np.allclose(found.base_color, (0.1, 0.2, 0.3))
-    assert any("no.png" in line for line in scene.warnings)
-
-    def colored(stage, shader):
-        reader = UsdShade.Shader.Define(stage, "/look/reader")
-        reader.CreateIdAttr("UsdPrimvarReader_float3")
-        reader.CreateInput("varname", TYPES.String).Set("displayColor")
-        shader.CreateInput("diffuseColor", TYPES.Color3f).ConnectToSource(reader.ConnectableAPI(), "result")
-        rows = [(1, 0, 0), (0, 1, 0), (0, 0, 1), (0, 0, 0)]
-        UsdGeom.PrimvarsAPI(stage.GetPrimAtPath("/mesh")).CreatePrimvar(
-            "displayColor", TYPES.Color3fArray, "vertex"
-        ).Set(rows)
-
-    _, scene = surface(tmp_path, colored)
-    assert np.array_equal(
-        np.unique(scene.instances[0].mesh.colors, axis=0), [(0, 0, 0), (0, 0, 1), (0, 1, 0), (1, 0, 0)]
-    )
-
+def test_other_shaders(tmp_path):
     def other(stage, shader):
         material = UsdShade.Material.Get(stage, "/look")
         material.GetSurfaceOutput().ClearSources()

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import Any
 
 from pxr import UsdGeom, UsdLux
 
@@ -19,12 +19,8 @@ from solari_vk.scene.model import Material, Mesh
 _NO_UVS = "surfaces lack the uvs that their textures ask for"
 
 
-class Part(NamedTuple):
-    """What one material of a prim covers."""
-
-    mesh: Mesh
-    material: Material
-    name: str
+Part = tuple[Mesh, Material, str]
+"""What one material of a prim covers, and its name."""
 
 
 class Geometry:
@@ -56,7 +52,7 @@ class Geometry:
         for name in look.uvs[1:]:  # shapes have one set of their own
             self._report.add(_NO_UVS, f"<{prim.GetPath()}> {name}")
         material = self._lit(prim, look.material, lambda: mesh.positions[mesh.triangles], world)
-        return [Part(mesh, material, prim.GetName())]
+        return [(mesh, material, prim.GetName())]
 
     def _surface(self, prim: Any, world: Matrix) -> list[Part]:
         # Instances share what is in their prototype.
@@ -86,7 +82,7 @@ class Geometry:
                 if deformation is not None:
                     mesh.update(deformation=deformation)
                 self._meshes[made] = mesh
-            parts.append(Part(self._meshes[made], self._lit(prim, look.material, surface.corners, world), full))
+            parts.append((self._meshes[made], self._lit(prim, look.material, surface.corners, world), full))
         return parts
 
     def _look(self, prim: Any, owner: Any, read: Any) -> Look:

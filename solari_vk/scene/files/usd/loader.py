@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
@@ -245,10 +245,15 @@ class _Loader:
         prim = place.prim
         camera = make_camera(prim, place.world, self._time, self._unit, self._report)
         self._follow(place, camera)
-        codes = self._motion.codes(sampled({name: prim.GetAttribute(name) for name in LENS}))
-        if codes:
-            rows = [lens(prim, Usd.TimeCode(code), self._unit) for code in codes]
-            self._motion.change(camera, codes, rows)
+        self._change(prim, camera, LENS, lambda time: lens(prim, time, self._unit))
+
+    def _change(self, prim: Any, item: Any, names: Iterable[str], fields: Callable[[Any], dict[str, Any]]) -> None:
+        """Have a camera or light take the fields of each time at which one of some attributes has a sample."""
+        codes = self._motion.codes(sampled({name: prim.GetAttribute(name) for name in names}))
+        with self._report.costs("wrong time samples are left out"):
+            rows = [fields(Usd.TimeCode(code)) for code in codes]
+            if codes:
+                self._motion.change(item, codes, rows)
 
     def _follow(self, place: Place, item: Any) -> None:
         """Add an object that stands at a place, and have it move with that."""
@@ -281,11 +286,7 @@ class _Loader:
         self._follow(place, light)
         if not isinstance(light, (DirectionalLight, PunctualLight)):
             return ()
-        codes = self._motion.codes(sampled({name: place.prim.GetAttribute(name) for name in PLAYED}))
-        with self._report.costs("wrong time samples are left out"):
-            rows = [self._lights.fields(place.prim, light, place.world, Usd.TimeCode(code)) for code in codes]
-            if codes:
-                self._motion.change(light, codes, rows)
+        self._change(place.prim, light, PLAYED, lambda time: self._lights.fields(place.prim, light, place.world, time))
         return PLAYED
 
     def _add_geometry(self, place: Place) -> None:
@@ -294,8 +295,8 @@ class _Loader:
         part_of = place.part_of
         if len(parts) > 1 and not part_of:
             part_of = distinct(place.prim.GetName(), self._objects)
-        for part in parts:
-            self._add_instance(place, part.mesh, part.material, part.name, part_of)
+        for mesh, material, name in parts:
+            self._add_instance(place, mesh, material, name, part_of)
 
     def _add_instance(self, place: Place, mesh: Mesh, material: Any, name: str, part_of: str) -> None:
         """Add an instance of a mesh at a place."""

@@ -286,16 +286,19 @@ class _Inputs:
 
     def _primvar(self, source: Any, name: str) -> Any:
         """What a shader node reads from a prim."""
-        own = _either(source, ("varname", "geomprop"), self._time)
-        found = self._read(str(own)) if own else None
+        own = self._read_name(source)
+        found = self._read(own) if own else None
         if found == VARIES and name in ("diffuseColor", "opacity"):
-            return Varying(str(own))
+            return Varying(own)
         if found == VARIES:
             self._report.add(_FIXED, f"{self.place} {name}")
         elif found is not None:
             return found
-        fallback = _either(source, ("fallback", "default"), self._time)
-        return 0.0 if fallback is None else fallback
+        return _constant(source, "fallback", self._time) or _constant(source, "default", self._time) or 0.0
+
+    def _read_name(self, source: Any) -> str:
+        """The primvar that a shader node reads."""
+        return str(_constant(source, "varname", self._time) or _constant(source, "geomprop", self._time) or "")
 
     def _use(self, source: Any, output: Any, name: str) -> Use | None:
         """The texture that a shader node is, or that leads to it."""
@@ -353,7 +356,7 @@ class _Inputs:
             if kind == "UsdTransform2d":
                 total = total @ _transform_2d(source, self._time)
             elif kind.startswith(_READERS):
-                uvs = str(_either(source, ("varname", "geomprop"), self._time) or uvs)
+                uvs = self._read_name(source) or uvs
                 break
             node = source
         found = tuple(total[:2].ravel().tolist())
@@ -429,12 +432,6 @@ def _constant(node: Any, name: str, time: Any) -> Any:
     """The value of an input, None without one."""
     source, value = _source(node.GetInput(name), time)
     return value if source is None else None
-
-
-def _either(node: Any, names: tuple[str, ...], time: Any) -> Any:
-    """The first value that there is of some inputs."""
-    values = (_constant(node, name, time) for name in names)
-    return next((value for value in values if value is not None), None)
 
 
 def _four(value: Any, default: float) -> tuple[float, float, float, float]:

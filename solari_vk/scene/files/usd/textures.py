@@ -56,11 +56,6 @@ class Use:
         return self.fallback[:3] if self.channel == "rgb" else self.fallback[CHANNELS[self.channel]]
 
     @property
-    def place_on_surface(self) -> Any:
-        """What two textures have in common whose pixels cover each other."""
-        return self.uvs, self.uv_transform, self.wrap
-
-    @property
     def is_plain(self) -> bool:
         """Whether its values are those of the picture."""
         return self.scale == (1, 1, 1, 1) and self.bias == (0, 0, 0, 0)
@@ -252,7 +247,7 @@ class Textures:
         return self._texture(first, self._image(("packed", *uses.items()), first, make))
 
     def _compare(self, *uses: Use) -> None:
-        if len({use.place_on_surface for use in uses}) > 1:
+        if len({(use.uvs, use.uv_transform, use.wrap) for use in uses}) > 1:
             self._report.add("textures of one surface with different uvs take those of the first", uses[0].place)
 
     def normal(self, use: Use) -> Texture:
