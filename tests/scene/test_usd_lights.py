@@ -24,8 +24,7 @@ TYPES = Sdf.ValueTypeNames
 def light_of(tmp_path, kind, up="Y", unit=1.0, scale=1.0, **inputs):
     stage = new(tmp_path / "light.usda", up, unit)
     light = getattr(UsdLux, kind).Define(stage, "/light")
-    if scale != 1:
-        light.AddScaleOp().Set((scale,) * 3)
+    light.AddScaleOp().Set(scale if isinstance(scale, tuple) else (scale,) * 3)
     shaping = UsdLux.ShapingAPI.Apply(light.GetPrim()) if any("shaping" in name for name in inputs) else None
     for name, value in inputs.items():
         api = shaping if shaping and name.startswith("shaping") else light
@@ -105,21 +104,23 @@ def test_color_temperature_is_white_at_6500(tmp_path):
     assert lamp.color[0] > 1.3 > 0.6 > lamp.color[2]
 
 
+@pytest.mark.parametrize("mirror", [(1, 1, 1), (1, 1, -1), (1, -1, 1)])
 @pytest.mark.parametrize(("kind", "up", "pole"), [
     ("DomeLight", "Y", "Y"), ("DomeLight", "Z", "Y"), ("DomeLight_1", "Y", "Y"), ("DomeLight_1", "Z", "Z"),
 ])  # fmt: skip
-def test_domes_are_turned_as_the_text_says(tmp_path, kind, up, pole):
+def test_domes_are_turned_as_the_text_says(tmp_path, kind, up, pole, mirror):
     pixels = np.zeros((8, 16, 3), np.uint8)
     row, column = 1, 3
     pixels[row, column] = 255
     (tmp_path / "sky.png").write_bytes(image_file(pixels))
-    dome, _ = light_of(tmp_path, kind, up, texture_file="./sky.png", intensity=2, color=(1, 0.5, 1))
+    dome, _ = light_of(tmp_path, kind, up, scale=mirror, texture_file="./sky.png", intensity=2, color=(1, 0.5, 1))
     latitude, longitude = math.pi / 2 - math.pi * (row + 0.5) / 8, math.pi - 2 * math.pi * (column + 0.5) / 16
     # Longitude 0 is +z and pi / 2 is +x, with y up.
     flat = math.cos(latitude)
     x, y, z = math.sin(longitude) * flat, math.sin(latitude), math.cos(longitude) * flat
     if pole == "Z":
         x, y, z = x, -z, y  # +z is up, and longitude 0 is -y
+    x, y, z = np.multiply((x, y, z), mirror)
     wanted = (x, z, -y) if up == "Z" else (x, y, z)
     assert np.allclose(dome.brightest, wanted, atol=1e-6)
     assert np.allclose(dome.intensity * dome.image.max(axis=(0, 1)), (2, 1, 2))

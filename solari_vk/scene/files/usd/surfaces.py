@@ -320,8 +320,9 @@ def simple_shape(prim: Any, time: Any) -> Simple | None:
     for name, default in _SIZES[kind].items():
         found = prim.GetAttribute(name).Get(time)
         sizes.append(default if found is None else float(found))
-        if not 0 <= sizes[-1] <= checks.LARGEST_COORDINATE:
-            raise SolariError(f"<{prim.GetPath()}> has the {name} {sizes[-1]:g}: give it a finite one, not below 0")
+        is_flat = sizes[-1] == 0 and name in ("size", "radius", "width", "length")
+        if is_flat or not 0 <= sizes[-1] <= checks.LARGEST_COORDINATE:
+            raise SolariError(f"<{prim.GetPath()}> has the {name} {sizes[-1]:g}: give it a finite one above 0")
     axis = str(prim.GetAttribute("axis").Get(time) or "Z") if prim.HasAttribute("axis") else "Y"
     return kind, axis, tuple(sizes)
 
