@@ -122,7 +122,7 @@ RESET = 'def Cube "c" { uniform token[] xformOpOrder=["!resetXformStack!"] }'
     (connected("emissiveColor", READER) + mesh("color3f[] primvars:tint=[(1,0,0)]"), GLOW, TWO[:1]),
     (connected("diffuseColor", READER) + mesh(), BASE, [[0.1, 0.2, 0.3]]),
     ('def Material "m" {}\n' + mesh(DISPLAY % RED) + mesh(DISPLAY % GREEN, name="b"), BASE, TWO),
-    (mesh(shape=SQUARE.replace("none", "bilinear")), lambda s: s["a"].mesh.normals, None),
+    (mesh(shape=SQUARE.replace("none", "bilinear")), lambda s: (s["a"].mesh.normals, s.warnings), (None, [])),
     ('def SphereLight "l" (prepend apiSchemas=["ShapingAPI"]) { float inputs:shaping:cone:angle=120 }',
      lambda s: n(s.lights["l"].profile.shares.ravel()[[0, 235, 245]]), [1, 1, 0]),
     (mesh("float inputs:intensity=8; bool inputs:normalize=1", '"MeshLightAPI"', shape=PARTS), GLOW, [[4] * 3] * 2),

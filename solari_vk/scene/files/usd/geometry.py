@@ -17,8 +17,6 @@ from solari_vk.scene.files.usd.surfaces import Simple, Surface, shape_constant, 
 from solari_vk.scene.model import Material, Mesh
 
 _NO_UVS = "surfaces lack the uvs that their textures ask for"
-
-
 Part = tuple[Mesh, Material, str]
 """What one material of a prim covers, and its name."""
 

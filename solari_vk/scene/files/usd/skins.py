@@ -179,7 +179,9 @@ class Skins:
             bind = skeleton.unbind @ matrix(target.GetGeomBindTransform(self._motion.time))
             # A mirrored place turns front faces around, which joints don't show.
             if np.linalg.det((skeleton.joints[0] @ bind[0])[:3, :3]) < 0:
-                instance.mesh = self._turned.setdefault(instance.mesh, turned_inside_out(instance.mesh))
+                if instance.mesh not in self._turned:
+                    self._turned[instance.mesh] = turned_inside_out(instance.mesh)
+                instance.mesh = self._turned[instance.mesh]
             fields = {"joint_matrices": (skeleton.joints @ bind)[:, :3], "transform": np.eye(4)}
             if skeleton.rows is not None:
                 rows, joints = skeleton.rows, skeleton.joints

@@ -103,10 +103,10 @@ class Surface:
         return other
 
     def _add_cage(self, mesh: Any) -> None:
-        """The normals of a subdivision surface. Bilinear ones are as flat as their cage."""
-        self._report.add(_CAGE, self.place)
+        """The normals of a subdivision surface."""
         if self._scheme == UsdGeom.Tokens.bilinear:
-            return
+            return  # it is as flat as its cage
+        self._report.add(_CAGE, self.place)
         if len(self._integers(mesh.GetCreaseIndicesAttr())) or len(self._integers(mesh.GetCornerIndicesAttr())):
             self._report.add(_CREASES, self.place)
         # Over all parts, so that no seam shows between two.

@@ -152,14 +152,17 @@ class Textures:
         name = file_name(place)
         who = f"{self._files.folder.file}: {where} ({quoted(clean(name))})"
         data = self._files.read(place)
-        if not name.lower().endswith((".exr", ".hdr")):
+        if name.lower().endswith(".hdr"):
+            found = read_colors(name, data)
+        else:
             image = image_files.open_image(data, who, image_files.MORE_FORMATS)
-            return _Picture(image_files.decode(image, who, linear=raw), None, _is_srgb(image))
-        found = exr.ExrImage(data, who).colors(who) if name.lower().endswith(".exr") else read_colors(name, data, who)
+            if not isinstance(image, exr.ExrImage):
+                return _Picture(image_files.decode(image, who, linear=raw), None, _is_srgb(image))
+            found = image.colors(who)
         if not np.isfinite(found).all():
             raise SolariError(f"{who} holds NaN or infinite values: repair it in an image program")
+        charge(16 * found.shape[0] * found.shape[1], who, "a texture")
         values = np.ones((*found.shape[:2], 4), np.float32)
-        charge(values.nbytes, who, "a texture")
         values[..., : found.shape[2]] = found
         return _Picture(_codes(values), values, False)
 
