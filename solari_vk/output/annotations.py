@@ -154,7 +154,8 @@ class Annotations(Hints):
         self.classes = present if classes is None else checked_classes(classes)
         for label in present:
             if label not in self.classes:
-                raise unknown_name("annotations: classes lack the label", label, self.classes)
+                what = "annotations: give null as the class of what isn't annotated; classes lack the label"
+                raise unknown_name(what, label, self.classes)
         if not self.classes:
             raise SolariError(
                 "annotations: no instance has a label: assign instance.label, or give a file of classes "

@@ -13,7 +13,7 @@ from solari_vk.scene import checks
 from solari_vk.scene.model import Instance, Scene
 from solari_vk.scene.objects import fits
 
-Classes = Mapping[str, str | Mapping[str, str]] | str | PathLike[str]
+Classes = Mapping[str, str | Mapping[str, str] | None] | str | PathLike[str]
 
 
 class Class(NamedTuple):
@@ -28,10 +28,11 @@ def label_instances(scene: Scene, classes: Classes) -> None:
     """Assign `label` of the instances whose names, or objects' names (`Instance.part_of`), fit a pattern; others stay
     as they are.
 
-    classes: the class for each pattern, such as {"Chair*": "chair"}, or a JSON file of them. `*` stands for any
-    characters, `?` for one, `[ab]` for one of some; of several patterns that fit a name the first counts. The studio's
-    floor has a label by its own name only. {"Car*": {"label": "car", "part_of": "car 1"}} makes all that fit parts of
-    one object too. Raises SolariError for a file that isn't such an object, and for a pattern that fits no name.
+    classes: the class for each pattern, such as {"Chair*": "chair"}, or a JSON file of them; None (null) takes a class
+    away. `*` stands for any characters, `?` for one, `[ab]` for one of some; of several patterns that fit a name the
+    first counts. The studio's floor has a label by its own name only. {"Car*": {"label": "car", "part_of": "car 1"}}
+    makes all that fit parts of one object too. Raises SolariError for a file that isn't such an object, and for a
+    pattern that fits no name.
     """
     for instance, found in find_labels(scene.instances[:], classes, scene.backdrop).items():
         instance.label = found.label
@@ -75,7 +76,7 @@ _FORM = 'give a class for each pattern of names, such as {"Chair*": "chair"}'
 
 
 def _class(pattern: Any, value: Any, who: str) -> Class:
-    words = value if isinstance(value, Mapping) else {"label": value}
+    words = value if isinstance(value, Mapping) else {"label": "" if value is None else value}
     if "label" not in words or not words.keys() <= set(Class._fields):
         raise SolariError(
             f'{who}: {quoted(pattern)}: give a class, or {{"label": "chair", "part_of": "chair 1"}}, not '

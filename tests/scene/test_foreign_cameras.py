@@ -114,6 +114,23 @@ def test_worlds_of_transforms_json(tmp_path):
         read(pose)
 
 
+def test_data_sets_from_the_scenes_own_cameras():
+    scene = sv.Scene()
+    front, top = (scene.add(sv.Camera(position=(0, 1, z), name=name)) for name, z in (("front", 3), ("top", 5)))
+
+    def positions(kind, count=None):
+        return [camera.position.tolist() for camera in cameras_for(kind, scene, sv.Camera(), count, 1.0, 0)]
+
+    both = [front.position.tolist(), top.position.tolist()]
+    assert positions("file") == both
+    assert positions("file", 1) == both[:1]
+    assert positions("top,front") == both[::-1]
+    with pytest.raises(SolariError, match=r"has 2 cameras, --views asks for 3"):
+        positions("file", 3)
+    with pytest.raises(SolariError, match=r"nor a camera's name"):
+        positions("front,side")
+
+
 def test_left_handed_cameras_are_warned_of():
     with pytest.warns(UserWarning, match="left-handed, so that pictures are mirrored"):
         mirrored = sv.Camera(transform=np.diag([-1, 1, 1, 1]))

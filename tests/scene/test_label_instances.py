@@ -38,8 +38,9 @@ def test_classes_may_name_the_object():
     sv.label_instances(scene, {"car/*": {"label": "car", "part_of": "car 1"}, "*": "thing"})
     assert labels(scene) == ["car", "car", "thing", ""], "a pattern doesn't mean the studio's floor"
     assert [one.part_of for one in scene.instances] == ["car 1", "car 1", "", ""]
-    sv.label_instances(scene, {"floor": "floor"})
+    sv.label_instances(scene, {"floor": "floor", "tree": None})
     assert scene.instances["floor"].label == "floor"
+    assert not scene.instances["tree"].label
     for wrong in ({"part_of": "car"}, {"label": "car", "parts": "x"}, 3):
         with pytest.raises(sv.SolariError, match=r"labels: ('tree': give a class, or|give a class for each)"):
             sv.label_instances(scene, {"tree": wrong})

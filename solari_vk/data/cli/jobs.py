@@ -29,9 +29,9 @@ class DatasetJob(SharedPicture):
     output: Path = option("made if it isn't there", "FOLDER", names=("-o", "--output"), type=Path, required=True)
     views: int | None = option("the number of views (all poses of a file)", "N", type=positive)
     cameras: str = option(
-        "around the scene; places all around an object, or in a room; or the poses of a JSON file: a list of poses as "
-        "--camera takes them, or a transforms.json (orbit)",
-        "orbit|random|FILE",
+        "around the scene; places all around an object, or in a room; the cameras of the scene's file (the word file), "
+        "or some of them by name; or a JSON file: a list of poses, or a transforms.json (orbit)",
+        "orbit|random|file|NAMES|FILE",
         default="orbit",
     )
     mode: str = option(
@@ -49,7 +49,10 @@ class DatasetJob(SharedPicture):
     format: str = option("of the pictures (png)", choices=("png", "jpg", "exr", "npz", "npy"), default="png")
     colmap: bool = flag("write the cameras as COLMAP's text files too, into the folder sparse/0")
     labels: Path | None = option(
-        'the classes of instances: a JSON file such as {"Chair*": "chair"}, by patterns of names', "FILE", type=Path
+        'the classes of instances: a JSON file such as {"Chair*": "chair"}, by patterns of names; null takes away a '
+        "class that the scene's file gives",
+        "FILE",
+        type=Path,
     )
     annotations: tuple[str, ...] = option(
         "labels of instances that have a class: coco (annotations.json: boxes and masks), yolo (boxes: a text file for "

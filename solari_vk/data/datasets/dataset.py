@@ -6,6 +6,7 @@ of instant-ngp and Nerfstudio: world from camera as in OpenGL, which looks along
 
 from __future__ import annotations
 
+import copy
 import json
 import math
 from collections.abc import Sequence
@@ -38,10 +39,15 @@ def cameras_for(kind: str, scene: Scene, camera: Camera, count: int | None, aspe
     """The cameras of a data set.
 
     kind: "orbit", once around the scene from `camera`; "random", where a seed and a camera's number mean one place, so
-    that a longer list begins with a shorter one; or a JSON file of poses. count: the number of cameras; None for all of
-    a file. aspect: width / height of the pictures. Raises SolariError for a file that can't be read or has fewer poses,
-    and without a count.
+    that a longer list begins with a shorter one; "file", or names with commas between, for the scene's own cameras; or
+    a JSON file of poses. count: the number of cameras; None for all of a scene or a file. aspect: width / height of the
+    pictures. Raises SolariError for a file that can't be read, for fewer cameras, and without a count.
     """
+    names = kind.split(",")
+    if kind == "file":
+        return _own_cameras(list(scene.cameras), count, f"--cameras file: {scene.describe()}")
+    if all(name in scene.cameras for name in names):
+        return _own_cameras([scene.cameras[name] for name in names], count, f"--cameras {kind}: this")
     if kind not in ("orbit", "random"):
         return _read_poses(Path(kind), count, aspect)
     if count is None:
@@ -51,6 +57,13 @@ def cameras_for(kind: str, scene: Scene, camera: Camera, count: int | None, aspe
     if kind == "orbit":
         return orbit(camera, scene.bounds.center, count)
     return _random_cameras(scene, count, aspect, seed)
+
+
+def _own_cameras(cameras: Sequence[Camera], count: int | None, who: str) -> list[Camera]:
+    if not cameras or (count or 0) > len(cameras):
+        asked = f", --views asks for {count}" if count else ""
+        raise SolariError(f"{who} has {len(cameras)} cameras{asked}")
+    return [copy.copy(camera) for camera in cameras[:count]]
 
 
 def _random_cameras(scene: Scene, count: int, aspect: float, seed: int) -> list[Camera]:
@@ -95,7 +108,9 @@ def _in_room(center: Floats, triangles: Floats, random: np.random.Generator) -> 
 
 
 def _read_poses(path: Path, count: int | None, aspect: float) -> list[Camera]:
-    content = read_json(path, f"--cameras {path}: neither orbit nor random, nor a JSON file of poses")
+    content = read_json(
+        path, f"--cameras {path}: neither orbit, random nor file, nor a camera's name, nor a JSON file of poses"
+    )
     poses = _poses_of_nerf(content, path, aspect) if isinstance(content, dict) else content
     if not isinstance(poses, list) or not poses:
         raise SolariError(f"--cameras {path}: must be a JSON list of poses, or have the fields of {NAME}")
