@@ -65,7 +65,7 @@ class FakePictures:
     device = binder = realtime = reference = None
     ready = False
     mode = "reference"
-    debug_view = "picture"
+    view = debug_view = "picture"
     known_views = DEBUG_VIEWS
     tonemap = "agx"
     seed = 3
