@@ -34,7 +34,10 @@ const float MIN_INVERSE_HIT_DISTANCE = 1e-9;  // 1 / distance of light from the 
 const float FAST_WEIGHT = 0.2;  // weight of the newest frame in LobeHistory.fast_luminance
 // The variance of LobeHistory.fast_luminance over that of a single frame's luminance: FAST_WEIGHT / (2 - FAST_WEIGHT).
 const float FAST_VARIANCE_RATIO = 0.111;
-const float MIN_GRADIENT_FRAMES = 3.0;  // least history length of pixels whose temporal gradient is measured
+const float MIN_GRADIENT_FRAMES = 3.0;  // least history length that tells the noise of a pixel
+// Shorter histories count as if this frame's light had so many times the variance that it shows: then only expected
+// changes are noticed, and those that are far beyond noise.
+const float YOUNG_VARIANCE_RATIO = 49.0;
 const int MAX_NEIGHBORHOOD_RADIUS = 2;  // in gradient cells (gradient_cell.glsl) from the center one
 // In standard deviations of a temporal gradient's noise: up to the first number the gradient counts as noise, from the
 // second as a change of light, with a smoothstep between them. CHANGE_SIGMAS_IF_EXPECTED is for cells where

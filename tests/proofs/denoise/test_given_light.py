@@ -160,6 +160,17 @@ def check_light_off(device):
     assert abs(left) < 0.05
 
 
+def check_light_off_at_once(device):
+    """So is light that has been there for two frames, if a light of the scene's has changed."""
+    scene = white_wall()
+    lamp = scene.add(sv.PointLight((0, 0, 0), intensity=100.0))
+    with denoising(device, scene, "(this_frame.index < 2u ? 1.0 : 0.1) * noise") as renderer:
+        before = light_of(last_of(renderer, 2)).mean()
+        lamp.intensity = 10.0
+        left = (light_of(renderer.render()).mean() / before - 0.1) / 0.9
+    assert abs(left) < 0.05
+
+
 def check_smooth_surfaces(device):
     """The mean light of smooth surfaces is kept while the camera moves: noise around 1, and 0.5 with one sample in
     twenty of 10.5."""
@@ -263,6 +274,10 @@ BUGS = {
         Bug(PREVIOUS_FRAME, "find_taps", "return correct(floor(position) + 0.5, previous, guide, plane_distance);"),
     ),
     "light off": (check_light_off, Bug("passes/denoise/history_confidence.comp", "confidence(Gradient", "return 1.0;")),
+    "light off at once": (
+        check_light_off_at_once,
+        Bug("passes/denoise/constants.glsl", "YOUNG_VARIANCE_RATIO", "1e9"),
+    ),
     "not finite": (check_not_finite, Bug("common/math.glsl", "is_finite_color", "return true;")),
     "edges": (
         check_edges,
