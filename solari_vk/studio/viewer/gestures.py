@@ -14,7 +14,7 @@ from solari_vk.scene.placement import Scaled
 from solari_vk.studio.viewer import markers
 from solari_vk.studio.viewer.history import Edit
 from solari_vk.studio.viewer.outline import shares_within
-from solari_vk.studio.viewer.placing import middle_of, move_to, transform_of
+from solari_vk.studio.viewer.placing import move_to, pivot_of, transform_of
 from solari_vk.studio.viewer.session import Session
 from solari_vk.studio.viewer.transforming import AXES, Cursor, Sight, Transforming
 from solari_vk.studio.viewer.window import Event
@@ -52,16 +52,16 @@ class TransformGesture:
         for item in items:
             start = transform_of(item, fallback)
             assert start is not None, "items have a place"
-            self._starts.append((item, start, transform_points(start, middle_of(item))))
+            self._starts.append((item, start, transform_points(start, pivot_of(item))))
         # The fields as they are, also where a transform wouldn't give them back to the last bit.
         self._before = [
             (item, {name: getattr(item, name) for name in move_to(item, start)}) for item, start, _ in self._starts
         ]
-        middle = np.mean([center for _, _, center in self._starts], axis=0)
+        pivot = np.mean([own for _, _, own in self._starts], axis=0)
         _, axes, _ = self._starts[-1]
         own_axes = unit(axes[:3, :3].T).T
         self.transforming = Transforming(
-            kind, Sight(session.camera, session.layout.picture), middle, own_axes, session.cursor
+            kind, Sight(session.camera, session.layout.picture), pivot, own_axes, session.cursor
         )
 
     @property
@@ -113,8 +113,8 @@ class TransformGesture:
     def _apply(self) -> None:
         """Place the objects as it is said now; a place that they refuse is shown as a message."""
         values = []
-        for item, start, center in self._starts:
-            placed = self.transforming.place(start, center)
+        for item, start, own_pivot in self._starts:
+            placed = self.transforming.place(start, own_pivot)
             if self.transforming.kind == "scale" and not isinstance(item, Scaled):
                 placed[:3, :3] = start[:3, :3]  # lights and cameras have a place, but no size
             values.append((item, move_to(item, placed)))

@@ -10,7 +10,7 @@ from imgui_bundle import imgui, imguizmo
 from numpy.typing import NDArray
 
 from solari_vk.scene.camera import Camera
-from solari_vk.studio.viewer.placing import middle_of, move_to, transform_of
+from solari_vk.studio.viewer.placing import move_to, pivot_of, transform_of
 from solari_vk.studio.viewer.session import Session
 
 gizmo = imguizmo.im_guizmo
@@ -40,7 +40,7 @@ class Gizmo:
             return
         # From where the handles are to the object's space.
         pivot = np.eye(4)
-        pivot[:3, 3] = middle_of(item)
+        pivot[:3, 3] = pivot_of(item)
         area = session.layout.picture
         camera = session.camera
         gizmo.set_orthographic(bool(camera.orthographic_height))

@@ -12,14 +12,19 @@ from solari_vk.scene.model import Instance
 from solari_vk.scene.observable import Checked
 from solari_vk.scene.placement import Placed
 
+OUTSIDE = 0.01  # of a mesh's size, how far its origin may lie outside of its bounds and count as inside
 
-def middle_of(item: Any) -> NDArray[np.float64]:
-    """The middle of an object in its own space, (3,): of an instance that of its mesh's bounds, else the origin."""
+
+def pivot_of(item: Any) -> NDArray[np.float64]:
+    """The point (3,) in its own space that an object turns about and is scaled from: its origin, but the middle of an
+    instance's mesh if the origin lies outside of that."""
     if not isinstance(item, Instance):
         return np.zeros(3)
     positions = item.mesh.positions
-    middle: NDArray[np.float64] = (positions.min(axis=0).astype(np.float64) + positions.max(axis=0)) / 2
-    return middle
+    low, high = positions.min(axis=0).astype(np.float64), positions.max(axis=0).astype(np.float64)
+    slack = OUTSIDE * np.linalg.norm(high - low)
+    is_inside = (low <= slack).all() and (high >= -slack).all()
+    return np.zeros(3) if is_inside else (low + high) / 2
 
 
 def move_to(item: Checked, transform: NDArray[np.float64]) -> dict[str, Any]:

@@ -282,8 +282,8 @@ class Transforming:
 
     # ---- results ------------------------------------------------------------------------------------
 
-    def place(self, start: Vector, center: Vector) -> Vector:
-        """Where an object goes whose transform (4, 4) was `start`, and whose middle (3,) was `center`."""
+    def place(self, start: Vector, own_pivot: Vector) -> Vector:
+        """Where an object goes whose transform (4, 4) was `start`, and its own pivot (3,) at `own_pivot`."""
         made = start.copy()
         if self.kind == "move":
             made[:3, 3] += self.vector
@@ -293,13 +293,13 @@ class Transforming:
             made[:3, :3] = turn @ start[:3, :3]
             made[:3, 3] = self.pivot + turn @ (start[:3, 3] - self.pivot)
             return made
-        # Each object is scaled along its own axes, so that none is sheared, and its middle goes where the axes in use
-        # say.
+        # Each object is scaled along its own axes, so that none is sheared, and its own pivot goes where the axes in
+        # use say.
         factors = self.factors
         made[:3, :3] = start[:3, :3] * factors
-        middle = self.pivot + self.axes @ (factors * (self.axes.T @ (center - self.pivot)))
-        inside = np.linalg.solve(start[:3, :3], center - start[:3, 3])
-        made[:3, 3] = middle - made[:3, :3] @ inside
+        goal = self.pivot + self.axes @ (factors * (self.axes.T @ (own_pivot - self.pivot)))
+        inside = np.linalg.solve(start[:3, :3], own_pivot - start[:3, 3])
+        made[:3, 3] = goal - made[:3, :3] @ inside
         return made
 
     def guides(self) -> list[tuple[int, Vector, Vector]]:
