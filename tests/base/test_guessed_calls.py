@@ -53,7 +53,7 @@ def test_an_unknown_option_is_a_solari_error(name):
         (lambda scene: scene.set_joint_positions({"elbow": 1}), "scene.groups['shoulder'].turn(0.5)"),
         (lambda _: sv.load("arm.urdf", qpos=[0]), "sv.mujoco.scene(model, data)"),
         (lambda _: sv.Group().rotate(0.5), "turn(0.5)"),
-        (lambda _: sv.PointCloud, "frame['position'][np.isfinite(frame['depth'])]"),
+        (lambda _: sv.PointCloud, "points = frame['position']"),
         (lambda _: sv.segmentation, "frame['instance_id']"),
         (lambda _: sv.normals, "frame['shading_normal']"),
         (lambda _: sv.Camera(intrinsics=np.eye(3)), "Camera.from_opencv(K=K, size=(640, 480))"),
