@@ -157,9 +157,11 @@ def _list_of(names: Sequence[str], text: str, closest: str) -> str:
 
 def unknown_attribute(what: str, name: str, known: Callable[[], Iterable[str]]) -> AttributeError:
     """As `unknown_name`, of the type that Python expects where attributes are looked up; private names get no hint."""
-    if name.startswith("_"):
-        return AttributeError(f"{what} '{name}'")
-    return AttributeError(str(unknown_name(what, name, (name for name in known() if not name.startswith("_")))))
+    text = f"{what} '{name}'"
+    if not name.startswith("_"):
+        text = str(unknown_name(what, name, (name for name in known() if not name.startswith("_"))))
+    # A name that is given stops Python from adding a suggestion of its own, which may be private.
+    return AttributeError(text, name=None)
 
 
 class _Hinting(ABCMeta):  # of ABCs, so that classes with abstract methods can have hints too

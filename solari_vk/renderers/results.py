@@ -263,10 +263,12 @@ class RenderedFrame(Hints):
             factor = camera.exposure
         wrong = unseen(radiance * factor)
         if wrong == "black":
-            warn(
-                "the picture is black: the scene's lights don't reach it. Lights are those of scene.lights, instances "
-                "with an emissive material, scene.environment, and studio_lights(scene)"
-            )
+            # Of a scene without any light the renderer has warned.
+            if not self._renderer.binder.dark_scenes:
+                warn(
+                    "the picture is black: the scene's lights don't reach it. Lights are those of scene.lights, "
+                    "instances with an emissive material, scene.environment, and studio_lights(scene)"
+                )
             return factor
         if wrong and exposure is not None:
             warn(f'the picture is far too {wrong}: give another exposure, or "auto"')

@@ -84,4 +84,6 @@ def build_acceleration_structures(
 
 def __getattr__(name: str) -> NoReturn:
     error = unknown_attribute("solari_vk.renderers.rt has no", name, lambda: __all__)
-    raise AttributeError(f"{error}; solari_vk.RayTracer(device, scene) traces arrays of rays through a scene")
+    raise AttributeError(
+        f"{error}; solari_vk.RayTracer(device, scene) traces arrays of rays through a scene", name=None
+    )

@@ -10,18 +10,20 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from solari_vk.base.errors import Hints, SolariError, unknown_name
+from solari_vk.scene import checks
 from solari_vk.scene.camera import Camera
 from solari_vk.scene.collection import Collection
 from solari_vk.scene.lights.directional import DirectionalLight
 from solari_vk.scene.lights.light import Light
 from solari_vk.scene.lights.portal import Portal
 from solari_vk.scene.lights.punctual import PunctualLight
-from solari_vk.scene.matrices import transform_directions, transform_points
+from solari_vk.scene.matrices import rotation, transform_directions, transform_points
 from solari_vk.scene.objects import Instance
 from solari_vk.scene.placement import PARTS, Scaled, parts, placed
 
 KINDS = (Instance, PunctualLight, DirectionalLight, Portal, Camera)
 NAMES = ("label", "part_of", "visible")  # of instances
+_FINITE = checks.number()
 SHOWN = 4  # objects that the repr of a group names
 
 
@@ -29,12 +31,15 @@ class Group(Scaled, Hints):
     """Instances, lights, cameras and other groups of a scene that move together, as `Scene.group` and `Scene.add` make.
 
     transform (4, 4) is the matrix from the group's space to the world. Assign it, or `position`, `rotation` or `scale`,
-    and all objects move with it; they keep what was assigned to them alone. Lights and cameras move and turn, but keep
-    their size. `label`, `part_of` and `visible` are those of all instances: `group.update(label="car", part_of="car
-    1")` makes them one object. A loop over a group gives its objects. The constructor's transform and parts say where
-    the group's origin is, without moving anything. Clips of `animations` place the instances of their file in the
-    world, so they don't follow a group. Raises SolariError for objects that have no place, such as an Environment.
+    and all objects move with it; they keep what was assigned to them alone. `turn` and `slide` move the groups of a
+    robot's joints. Lights and cameras move and turn, but keep their size. `label`, `part_of` and `visible` are those of
+    all instances: `group.update(label="car", part_of="car 1")` makes them one object. A loop over a group gives its
+    objects. The constructor's transform and parts say where the group's origin is, without moving anything. Clips of
+    `animations` place the instances of their file in the world, so they don't follow a group. Raises SolariError for
+    objects that have no place, such as an Environment.
     """
+
+    _joint = (0.0, 0.0)  # what `turn` and `slide` were given last
 
     def __init__(self, items: Iterable[Any] = (), *, name: str = "", **where: Any) -> None:
         self.name = name
@@ -126,6 +131,34 @@ class Group(Scaled, Hints):
                 if isinstance(item, Instance):
                     item.update(**names)
 
+    def turn(self, radians: float) -> None:
+        """Turn the group about its own z axis, which is that of a robot's joint, to an angle.
+
+        radians: from the pose in which the group was made or loaded, so that a second call with the same angle moves
+        nothing; what else has moved the group, such as a joint before it, stays. Raises SolariError for an angle that
+        isn't finite.
+        """
+        self._move_joint("turn: radians", radians, self._joint[1])
+
+    def slide(self, meters: float) -> None:
+        """Move the group along its own z axis, which is that of a robot's joint, to a distance.
+
+        meters: from the pose in which the group was made or loaded, as for `turn`. Raises SolariError for a distance
+        that isn't finite.
+        """
+        self._move_joint("slide: meters", self._joint[0], meters)
+
+    def _move_joint(self, what: str, radians: float, meters: float) -> None:
+        try:
+            after = _FINITE(radians), _FINITE(meters)
+        except (TypeError, ValueError) as error:
+            raise SolariError(f"{self.describe()}.{what} {error}") from None
+        change = np.eye(4)
+        change[:3, :3] = rotation((0, 0, 1), after[0] - self._joint[0])
+        change[2, 3] = (after[1] - self._joint[1]) / np.linalg.norm(self._transform[:3, 2])
+        self.update(transform=self._transform @ change)
+        self._joint = after
+
     def _check_names(self, names: dict[str, Any]) -> None:
         for name, value in names.items():
             try:
@@ -169,12 +202,15 @@ class Grouping:
     """What a scene can do with groups."""
 
     _groups: dict[Group, None]
+    _paths: dict[str, Any]
 
     @property
     def groups(self) -> Collection[Any]:
-        """The groups that `group` and `add` have made, and those of a glTF file, its nodes that hold several objects.
+        """The groups that `group` and `add` have made, and those of a file: nodes and prims that hold several objects,
+        and the bodies and joints of robots.
 
-        By number or name; not those that have nothing in the scene.
+        By number or name, as `instances` are: a loop gives the groups, `groups.names` their names. Not those that have
+        nothing in the scene.
         """
         scene: Any = self
 
@@ -200,7 +236,7 @@ class Grouping:
         return group
 
     def _named(self, name: str) -> Any:
-        """The first instance of this name, else the first light, camera or group."""
+        """The first instance of this name, else the first light, camera or group; or what is at a path of USD."""
         scene: Any = self
         holders = [scene.instances, scene.lights, scene.cameras]
         for holder in holders:
@@ -210,8 +246,30 @@ class Grouping:
         groups = self.groups
         if name in groups:
             return groups[name]
+        if name.startswith("/") and self._paths:
+            return self._at(name)
         holders.append(groups)
         raise unknown_name("there is no object", name, [known for holder in holders for known in holder.names])
+
+    def _at(self, path: str) -> Any:
+        """What the prim of a USD file at this path has become: an object or a group, also one alone below the prim."""
+        scene: Any = self
+        groups = self.groups
+        present = {
+            place: item
+            for place, item in self._paths.items()
+            if item in (groups if isinstance(item, Group) else scene._holder(item))
+        }
+        inside = [place for place in present if _is_within(place, path)]
+        top = min(inside, key=len, default="")
+        if top and all(_is_within(place, top) for place in inside):
+            return present[top]
+        raise unknown_name("there is no object at the path", path, present)
+
+
+def _is_within(place: str, path: str) -> bool:
+    """Whether a place in a file is at or below a path."""
+    return f"{place}/".startswith(f"{path.rstrip('/')}/")
 
 
 _PLACES = ("position", "direction", "horizontal", "center", "half_u", "half_v")  # fields of lights

@@ -10,7 +10,7 @@ from typing import Any, TypeVar, overload
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from solari_vk.base.errors import SolariError, checked_keywords, quoted, unknown_name, warn
+from solari_vk.base.errors import SolariError, checked_keywords, quoted, shortened, unknown_name, warn
 from solari_vk.scene import checks
 from solari_vk.scene.animation.clip import Animation as Animation
 from solari_vk.scene.animation.clip import mix
@@ -49,6 +49,8 @@ class Scene(Grouping, Observable):
     def __init__(self, *items: Instance | Light | Camera, name: str = "") -> None:
         self.name = name
         self._groups: dict[Group, None] = {}
+        self._paths: dict[str, Any] = {}  # objects and groups by their paths in a USD file
+        self._variant_sets: dict[str, list[str]] = {}  # of a USD file, with the names of their variants
         self._instances: Items[Instance] = Items("instance", (Instance,), self._notify)
         self._lights: Items[Light] = Items("light", (Light,), self._notify)
         self._cameras: Items[Camera] = Items("camera", (Camera,), self._notify)
@@ -61,7 +63,8 @@ class Scene(Grouping, Observable):
         """The instance that the default camera and `bounds` leave out: the floor of `studio_lights`."""
         self._original_materials: dict[Instance, Material] = {}  # of the instances that a variant has changed
         self.variants: dict[str, dict[Instance, Material]] = {}
-        """The materials of instances by the name of a variant, as `use_variant` assigns them."""
+        """The materials of instances by the name of a variant, as `use_variant` assigns them: those of a glTF file. The
+        variants of a USD file are chosen by `load(variants={"color": "red"})`."""
         self.warnings: list[str] = []
         """What a loader could not use of its file, one line for each kind of problem."""
         for item in items:
@@ -266,7 +269,10 @@ class Scene(Grouping, Observable):
         return iter(self._instances)
 
     def __getitem__(self, name: str | int) -> Any:
-        """The object of this name: the first instance, else light, camera or group; or the instance of this number."""
+        """The object of this name: the first instance, else light, camera or group; or the instance of this number.
+
+        Of a USD file also what the prim at a path, such as "/World/car", has become.
+        """
         return self._named(name) if isinstance(name, str) else self._instances[name]
 
     def __len__(self) -> int:
@@ -283,6 +289,12 @@ class Scene(Grouping, Observable):
         Each variant of a glTF file has a material for all instances that any of its variants changes. None gives them
         the materials back that they had before the first variant. Raises SolariError for an unknown name.
         """
+        if name is not None and self._variant_sets and not self.variants:
+            sets = "; ".join(f"{key} ({', '.join(names)})" for key, names in self._variant_sets.items())
+            raise SolariError(
+                f"there is no variant {quoted(name)} to change to: those of a USD file are chosen while it is read, by "
+                f"load(path, variants={{set: variant}}); its sets are {shortened(sets, 300)}"
+            )
         if name is not None and name not in self.variants:
             raise unknown_name("there is no variant", name, self.variants)
         for instance, material in (self._original_materials if name is None else self.variants[name]).items():

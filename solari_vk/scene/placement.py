@@ -141,7 +141,8 @@ class Part(np.ndarray[Any, np.dtype[np.float64]]):
     def __getattr__(self, name: str) -> NoReturn:
         raise AttributeError(
             f"position, rotation and scale are arrays of numpy and have no '{name}': assign them, as "
-            "in camera.position = (x, y, z)"
+            "in camera.position = (x, y, z)",
+            name=None,  # without a suggestion of Python's own
         )
 
     def __setattr__(self, name: str, value: Any) -> None:

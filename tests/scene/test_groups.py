@@ -43,6 +43,25 @@ def test_the_origin_of_a_group_is_a_pivot():
     np.testing.assert_allclose(door.position, (0, 0, 0), atol=1e-12)
 
 
+def test_groups_turn_and_slide_from_where_they_were_made():
+    box = sv.Instance(BOX, position=(1, 0, 0))
+    joint = sv.Group([box], rotation=rotation((0, 1, 0), np.pi / 2), scale=2)  # its z axis is x
+    arm = sv.Group([joint])
+    joint.slide(0.5)
+    joint.turn(1)
+    arm.position = (0, 3, 0)  # what carries the joint may move
+    joint.slide(2)
+    joint.turn(np.pi / 2)
+    np.testing.assert_allclose(box.position, (3, 3, 0), atol=1e-12)
+    np.testing.assert_allclose(box.rotation, rotation((1, 0, 0), np.pi / 2), atol=1e-12)
+    joint.turn(0)
+    joint.slide(0)
+    np.testing.assert_allclose(box.transform, sv.Instance(BOX, position=(1, 3, 0)).transform, atol=1e-12)
+    for wrong in (np.nan, "a", None):
+        with pytest.raises(sv.SolariError, match="turn: radians"):
+            joint.turn(wrong)
+
+
 def test_what_is_twice_in_a_group_moves_once_and_cameras_keep_their_size():
     box, camera = sv.Instance(BOX), sv.Camera(position=(0, 0, 3))
     inner = sv.Group([box])

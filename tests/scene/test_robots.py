@@ -243,9 +243,8 @@ def test_groups_turn_as_joints_do(robot):
     data.joint("elbow").qpos[0] = 0.7
     mujoco.mj_forward(model, data)
     elbow = scene.groups["elbow"]
-    turn = np.eye(4)
-    turn[:3, :3] = [[np.cos(0.7), -np.sin(0.7), 0], [np.sin(0.7), np.cos(0.7), 0], [0, 0, 1]]
-    elbow.transform = elbow.transform @ turn
+    elbow.turn(-0.2)
+    elbow.turn(0.7)  # not from the last angle on, but from the file's
     for name in ("bone", "claw"):
         np.testing.assert_allclose(scene.instances[name].transform[:3, 3], UP @ data.geom(name).xpos, atol=1e-5)
     np.testing.assert_allclose(scene.groups["forearm"].transform[:3, 3], UP @ data.body("forearm").xpos, atol=1e-5)
@@ -334,15 +333,17 @@ def package(tmp_path):
 def test_urdf_shows_what_is_visual(package):
     """Links without a mass, joints without limits, meshes of a package with materials of their own."""
     scene = sv.load(package)
-    assert len(scene) == 3
+    assert sorted(scene.instances.names) == ["a/box", "b/cylinder", "b/tip"]
     assert not scene.lights
+    with pytest.raises(sv.SolariError, match="robots' files are turned to y up already"):
+        sv.load(package, up="z")
     box = next(one for one in scene if one.part_of == "a")
     np.testing.assert_allclose(box.material.base_color, (0, 0, 1))
     tip = next(one for one in scene if one.material.name == "red")
     points = tip.mesh.positions @ tip.transform[:3, :3].T + tip.transform[:3, 3]
     np.testing.assert_allclose((points.min(0), points.max(0)), ((0, 1.5, -2), (2, 7.5, 0)), atol=1e-5)
     assert (tip.label, tip.part_of) == ("a", "b")
-    scene.groups["j"].transform = scene.groups["j"].transform @ np.diag((-1.0, -1.0, 1.0, 1.0))  # half a turn
+    scene.groups["j"].turn(np.pi)
     assert tip.transform[1, 3] == pytest.approx(-0.5, abs=1e-5)
 
 
@@ -452,6 +453,18 @@ def test_a_robot_without_any_of_its_meshes_is_an_error(package):
     package.write_text(f'<robot name="r"><link name="a">{visual}</link></robot>')
     with pytest.raises(sv.SolariError, match=r"no file 'none\.obj'"):
         sv.load(package)
+
+
+def test_visuals_of_urdf_have_names_of_their_own(package, capfd):
+    """Those of the file where they are each once, else of the link and the shape or the mesh's file."""
+    ball, tip = '<sphere radius="1"/>', '<mesh filename="../meshes/tip.obj"/>'
+    shapes = (("x", ball), ("", tip), ("x", ball), ("", tip), ("y", tip))
+    visuals = "".join(f'<visual name="{name}"><geometry>{shape}</geometry></visual>' for name, shape in shapes)
+    package.write_text(f'<robot name="r"><link name="world">{visuals}</link></robot>')
+    (package.parent.parent / "package.xml").write_text("<package/>")
+    found = {one.name: one.label for one in sv.load(package)}
+    assert found == {"x": "x", "world/sphere": "x", "world/tip": "tip", "world/tip 2": "tip", "y": "y"}
+    assert "duplicate" not in "".join(capfd.readouterr())  # of MuJoCo
 
 
 def test_folders_above_are_packages_by_what_they_have(package):

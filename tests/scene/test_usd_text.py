@@ -202,3 +202,38 @@ def test_ies_files_are_read_once(tmp_path, monkeypatch):
     text = f"asset inputs:shaping:ies:file=@./x.ies@; float inputs:intensity.timeSamples={{{keys}}}"
     scene = load(tmp_path, f'def SphereLight "l" {{ {text} }}')
     assert (len(reads), scene.animations[0].duration) == (1, pytest.approx(8 / 24))
+
+
+def test_uses_of_one_part_are_told_apart(tmp_path):
+    """Each prim that refers to a part is a group; prims are found by their paths, too."""
+    part = 'def Xform "P" { def Mesh "geo" { ' + SQUARE + " } }\n"
+    uses = "".join(
+        f'def Xform "{name}" (instanceable={how}; references=</P>) {{ }}\n'
+        for name, how in (("i0", "true"), ("one", "false"))
+    )
+    lamps = "".join(f'def Xform "{name}" {{ def Xform "b" {{ def SphereLight "l" {{ }} }} }}\n' for name in "vw")
+    world = f'def Xform "W" {{ {uses} {lamps} {points(mesh(name="P")).replace("</i", "</W/i")} }}\n'
+    scene = load(tmp_path, part + world)
+    assert scene.instances.names == ["x", "P/geo", "i0/geo", "one/geo", "P", "P"]
+    assert scene.lights.names == ["v/b/l", "w/b/l"]
+    assert scene.groups.names == ["W", "i0", "one", "i"]
+    assert scene["/W/one"] is scene["one"] is scene.groups["one"]
+    assert scene["/W/one/geo"] is scene["one/geo"]
+    assert scene["/W/v"] is scene["v/b/l"]  # alone below it
+    assert scene["/W"] is scene["W"]
+    with pytest.raises(sv.SolariError, match="did you mean '/W/one'"):
+        scene["/W/on"]
+    with pytest.raises(sv.SolariError, match="path '/W/i/P'"):  # of two points
+        scene["/W/i/P"]
+    scene.remove("/W/one")
+    with pytest.raises(sv.SolariError, match="no object at the path"):
+        scene["/W/one"]
+
+
+def test_variants_are_chosen_while_a_file_is_read(tmp_path):
+    sets = 'variantSet "look" = { "green" { } }'
+    scene = load(tmp_path, f'def Xform "c" (variantSets="look") {{ {sets} }}')
+    with pytest.raises(sv.SolariError, match=r"load\(path, variants=.*look \(green\)"):
+        scene.use_variant("green")
+    with pytest.raises(sv.SolariError, match="by `variants`"):
+        sv.load(tmp_path / "a.usda", variant="green")

@@ -47,7 +47,12 @@ _BYTE_ORDER_MARK = b"\xef\xbb\xbf"
 _STL_HEAD, _STL_TRIANGLE = 84, 50  # bytes
 
 
-@reads(*UP_AXES, options=("up", "unit"), only=f"{', '.join(UP_AXES)} files need the axis that points up and the unit")
+@reads(
+    *UP_AXES,
+    options=("up", "unit"),
+    only=f"{', '.join(UP_AXES)} files need the axis that points up and the unit: "
+    "glTF, USD and robots' files are turned to y up already",
+)
 def load_mesh_file(
     path: str | os.PathLike[str], *, up: str | None = None, unit: float = 1.0, strict: bool = False
 ) -> Scene:

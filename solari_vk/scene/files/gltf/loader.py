@@ -71,7 +71,12 @@ class Part(NamedTuple):
 
 
 @checked_keywords(who="solari_vk")
-@reads(".gltf", ".glb", options=("scene", "variant"), only="glTF files have scenes and variants: leave out the option")
+@reads(
+    ".gltf",
+    ".glb",
+    options=("scene", "variant"),
+    only="glTF files have scenes and variants: leave out the option; those of a USD file are chosen by `variants`",
+)
 def load_gltf(
     path: str | os.PathLike[str], *, scene: int | str | None = None, variant: str | None = None, strict: bool = False
 ) -> Scene:
@@ -139,7 +144,7 @@ class _Loader:
             Node(node.number, node.parent, node.entry.name or f"node {node.number}", node.world)
             for node in placed.values()
         ]
-        self._scene._groups.update(dict.fromkeys(groups_of(nodes, self._objects_of)))
+        self._scene._groups.update(dict.fromkeys(groups_of(nodes, self._objects_of).values()))
         has_meshes = any("mesh" in node.entry for node in placed.values())
         if self._report.first_error and not self._scene.instances and has_meshes:
             raise self._report.first_error

@@ -19,6 +19,7 @@ from solari_vk.scene.files.libraries import library
 from solari_vk.scene.files.mujoco.mjcf import compile_spec
 from solari_vk.scene.files.mujoco.model_scene import INSTALL, Key, ModelScene, model_scene
 from solari_vk.scene.files.mujoco.references import Folder, read_xml
+from solari_vk.scene.group import distinct
 from solari_vk.scene.material import Material
 from solari_vk.scene.model import Instance, Mesh, Scene
 
@@ -79,18 +80,37 @@ def _for_mujoco(robot: Element, who: str) -> str:
     for joint in copy.findall("joint"):
         if joint.get("type") == "floating":  # which MuJoCo has below the world alone; its initial pose is the same
             joint.set("type", "fixed")
-    for visual in copy.iter("visual"):
-        geometry = visual.find("geometry")
-        if geometry is None or not len(geometry):
-            raise SolariError(f"{who}: a <visual> has no <geometry>: mend the file")
-        if geometry.find("mesh") is not None:
-            geometry.clear()
-            SubElement(geometry, "sphere", radius=_PLACEHOLDER)
-        for material in visual.findall("material"):
-            visual.remove(material)
+    used: dict[str, int] = {}
+    for link in copy.findall("link"):
+        for visual in link.findall("visual"):
+            _simplify(visual, str(link.get("name")), used, who)
     mujoco = SubElement(copy, "mujoco")
     SubElement(mujoco, "compiler", discardvisual="false", fusestatic="false", strippath="false")
     return ElementTree.tostring(copy, encoding="unicode")
+
+
+def _simplify(visual: Element, link: str, used: dict[str, int], who: str) -> None:
+    """Leave a visual its shape alone, where a sphere stands for the mesh of a file, and give it a name that is in none
+    of `used`: MuJoCo would print that it is a duplicate."""
+    geometry = visual.find("geometry")
+    if geometry is None or not len(geometry):
+        raise SolariError(f"{who}: a <visual> has no <geometry>: mend the file")
+    name = visual.get("name")
+    visual.set("name", distinct(name if name and name not in used else f"{link}/{_shape(visual)}", used))
+    if geometry.find("mesh") is not None:
+        geometry.clear()
+        SubElement(geometry, "sphere", radius=_PLACEHOLDER)
+    for material in visual.findall("material"):
+        visual.remove(material)
+
+
+def _shape(visual: Element) -> str:
+    """The word for a visual's shape: that of a mesh is its file's name, without folders and ending."""
+    shape = visual.find("geometry/*")
+    if shape is None or shape.tag != "mesh":
+        return "" if shape is None else str(shape.tag)
+    stem = Path(str(shape.get("filename") or "mesh").replace("\\", "/")).stem
+    return "".join(filter(str.isprintable, stem))
 
 
 def _by_geom(made: ModelScene, visuals: dict[str, list[Element]]) -> list[tuple[Key, Element]]:
@@ -116,6 +136,8 @@ def _dress(
 ) -> None:
     """Give a geom its material, and the mesh of a file in place of its sphere."""
     instance = made.instances[key]
+    if not instance.part_of:  # on the world itself, where MuJoCo's geoms are classes by their names
+        instance.label = visual.get("name") or _shape(visual)
     given = visual.find("material")
     material = None
     if given is not None:

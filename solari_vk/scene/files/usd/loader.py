@@ -25,7 +25,7 @@ from solari_vk.scene.files.usd.materials import Materials
 from solari_vk.scene.files.usd.motion import Matrix, Motion, matrix, report_unplayed, sampled
 from solari_vk.scene.files.usd.places import Hierarchy, Place
 from solari_vk.scene.files.usd.skins import Skins
-from solari_vk.scene.files.usd.stage import composition_faults, open_stage, reason
+from solari_vk.scene.files.usd.stage import composition_faults, open_stage, reason, variant_sets
 from solari_vk.scene.files.usd.textures import Files
 from solari_vk.scene.group import distinct
 from solari_vk.scene.lights.environment import EnvironmentLight
@@ -98,7 +98,8 @@ class _Loader:
         if self._report.first_error and not self._scene.instances:
             raise self._report.first_error
         self._motion.finish(self._scene)
-        self._scene._groups.update(dict.fromkeys(self._hierarchy.groups()))
+        self._hierarchy.finish(self._scene)
+        self._scene._variant_sets = variant_sets(self._stage)
         self._scene.warnings.extend(self._report.lines())
         return self._scene
 
@@ -263,7 +264,7 @@ class _Loader:
             return
         if row is not None:
             self._motion.later.append(lambda rig: rig.attach(item, row, shown=place.visible))
-        self._hierarchy.add(place, item)
+        self._hierarchy.add(place, item, self._file)
         if not is_dark:
             self._scene.add(item)
 
@@ -322,7 +323,7 @@ class _Loader:
             return
         if row is not None:
             self._motion.later.append(lambda rig: rig.attach(instance, row, moves=False))
-        self._hierarchy.add(place, instance)
+        self._hierarchy.add(place, instance, self._file)
         self._scene.add(instance)
 
     # ---- point instancers ---------------------------------------------------------------------------

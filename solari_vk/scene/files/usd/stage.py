@@ -272,12 +272,21 @@ def select(stage: Any, variants: Mapping[str, Any], folder: Folder) -> None:
     for (prim, name), choices in found.items():
         where = f" of {prim}" if prim else ""
         if not choices:
-            known = sorted({name for prim in stage.TraverseAll() for name in prim.GetVariantSets().GetNames()})
-            raise unknown_name(f"{folder.file}: variants: there is no set{where}", name, known)
+            raise unknown_name(f"{folder.file}: variants: there is no set{where}", name, variant_sets(stage))
         if wanted[prim, name] not in choices:
             raise unknown_name(
                 f"{folder.file}: variants: the set '{name}'{where} has no", wanted[prim, name], sorted(choices)
             )
+
+
+def variant_sets(stage: Any) -> dict[str, list[str]]:
+    """The names of the sets of variants, and of the variants of each."""
+    found: dict[str, set[str]] = {}
+    for prim in stage.TraverseAll():
+        sets = prim.GetVariantSets()
+        for name in sets.GetNames():
+            found.setdefault(name, set()).update(sets.GetVariantSet(name).GetVariantNames())
+    return {name: sorted(found[name]) for name in sorted(found)}
 
 
 def _changes(stage: Any, wanted: Mapping[Any, Any], found: Mapping[Any, set[str]]) -> Iterator[tuple[Any, str]]:
