@@ -274,10 +274,7 @@ BUGS = {
         Bug(PREVIOUS_FRAME, "find_taps", "return correct(floor(position) + 0.5, previous, guide, plane_distance);"),
     ),
     "light off": (check_light_off, Bug("passes/denoise/history_confidence.comp", "confidence(Gradient", "return 1.0;")),
-    "light off at once": (
-        check_light_off_at_once,
-        Bug("passes/denoise/constants.glsl", "YOUNG_VARIANCE_RATIO", "1e9"),
-    ),
+    "light off at once": (check_light_off_at_once, Bug("passes/denoise/constants.glsl", "YOUNG_VARIANCE_RATIO", "1e9")),
     "not finite": (check_not_finite, Bug("common/math.glsl", "is_finite_color", "return true;")),
     "edges": (
         check_edges,

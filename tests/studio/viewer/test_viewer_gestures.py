@@ -106,6 +106,15 @@ def test_the_cursor_moves_and_a_click_keeps(session, block, use):
     assert len(session.history.done) == 3, "nothing moved"
 
 
+@pytest.mark.parametrize(("low", "kept"), [((-1, 0, -1), (0, 0, 0)), ((4, 0, 4), (5, 1, 5))])
+def test_what_stands_on_its_origin_keeps_it(session, scene, use, low, kept):
+    """And what lies beside its origin grows about its middle."""
+    box = session.selected = scene.add(sv.shapes.box(low, np.add(low, 2)))
+    use(KEY_S, *"0.5", ENTER)
+    assert box.transform @ (*kept, 1) == pytest.approx((*kept, 1))
+    assert box.scale == pytest.approx([0.5] * 3)
+
+
 def test_keys_switch_what_is_done_and_correct_what_is_typed(session, block, use):
     before = block.transform
     use(move(300, 150), KEY_G, "g5", press(glfw.KEY_BACKSPACE), "2", press(glfw.KEY_TAB), "3")
