@@ -74,7 +74,7 @@ class SceneOptions:
     )
     exposure: str | None = option(
         "exposure value (the camera's; for files with lights auto, which the first picture of an animation decides; "
-        "each: every picture of an animation its own)",
+        "each: every picture of an animation its own, as with --animate sun)",
         "EV100|auto|each",
     )
     tonemap: str = option(

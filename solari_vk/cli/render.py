@@ -48,7 +48,9 @@ def make_job(options: RenderOptions) -> StillJob | MovieJob:
     # Before --mode auto chooses the renderer by its outputs.
     check_aovs(options.aov, "auto", [name for name in outputs if name not in ("radiance", "display")])
     kind = StillJob if options.animate is None else MovieJob
-    job = kind(**{**vars(options), **_mode(options, kind.GROUPS)})
+    # One exposure can't show a day.
+    exposes = {"exposure": "each"} if options.animate == "sun" and options.exposure is None else {}
+    job = kind(**{**vars(options), **_mode(options, kind.GROUPS), **exposes})
     _check_options_of_modes(job)
     if options.target_error is not None and not 0 < options.target_error < math.inf:
         raise SolariError(
@@ -151,8 +153,11 @@ def _contradictions(job: StillJob | MovieJob) -> Iterator[tuple[object, str]]:
     )
     if isinstance(job, MovieJob) and (job.animate == "sun" or job.exposure == "each"):
         what = "--animate sun" if job.animate == "sun" else "--exposure each"
-        several = job.mode == "reference" or job.is_spread or job.shutter is not None
-        yield several, f"{what}: is of --mode realtime, by one device and without --shutter"
+        given = [spelled(name) for name in job.GROUPS["reference"] if name in job.explicit]
+        path_traced = " and ".join(given) or "--mode reference"
+        yield job.mode == "reference", f"{what}: is of --mode realtime: leave out {path_traced}, of the path tracer"
+        yield job.is_spread, f"{what}: is of one device: leave out --workers or --cluster"
+        yield job.shutter is not None, f"{what}: has no motion blur: leave out --shutter"
     if job.duration is not None:
         yield isinstance(job, StillJob), "--duration: a still picture takes no time: give --animate"
         yield job.frames, "--duration: an animation with --frames has that many pictures: leave one of the two out"

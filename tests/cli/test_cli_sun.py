@@ -15,6 +15,7 @@ from solari_vk.cli.render import make_job
 
 BERLIN = ["--place", "52.5,13.4"]
 DAY = "2026-06-21T04:50+02:00/2026-06-21T13:00+02:00"
+TRACED = ["--mode", "reference", "--samples", "8"]
 
 
 @pytest.fixture(scope="module")
@@ -52,10 +53,10 @@ def test_an_animation_moves_the_sun(box, tmp_path, lent_device):
         heights.append(found.scene.environment.sun_direction[1])
     assert heights[0] < 0.02 < 0.3 < heights[1] < heights[2]
     means = {}
-    for exposure in ("auto", "each"):
+    for exposure, options in {"auto": ["--exposure", "auto"], "each": []}.items():
         output = tmp_path / f"{exposure}.png"
         few = ["--size", "24x16", "--warm-up", "1", "--average", "1", "--mode", "realtime", "--frames", "2"]
-        assert main(["render", box, *words, *few, "--exposure", exposure, "-o", str(output)]) == 0
+        assert main(["render", box, *words, *few, *options, "-o", str(output)]) == 0
         means[exposure] = [np.asarray(Image.open(tmp_path / f"{exposure}.000{n}.png")).mean() for n in (0, 1)]
     # The exposure of the dawn makes noon white; with its own each picture is seen.
     assert means["auto"][1] > 240
@@ -71,7 +72,8 @@ def test_an_animation_moves_the_sun(box, tmp_path, lent_device):
         ([*BERLIN, "--sun", DAY], "a still picture has one time"),
         ([*BERLIN, "--animate", "sun"], "--sun and --place go together"),
         ([*BERLIN, "--sun", DAY, "--animate", "sun", "--environment", "studio"], "leave one of the two out"),
-        ([*BERLIN, "--sun", DAY, "--animate", "sun", "--shutter", "0.1"], "--animate sun: is of --mode realtime"),
+        ([*BERLIN, "--sun", DAY, "--animate", "sun", "--shutter", "0.1"], "--animate sun: has no motion blur"),
+        ([*BERLIN, "--sun", DAY, "--animate", "sun", *TRACED], "leave out --samples, of the path tracer"),
     ],
 )
 def test_refused(box, words, why):

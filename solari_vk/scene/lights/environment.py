@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 from dataclasses import KW_ONLY, field
 from typing import Any
@@ -10,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from solari_vk.base.color import LUMINANCE_WEIGHTS
+from solari_vk.base.errors import warn
 from solari_vk.scene import checks
 from solari_vk.scene.checks import FloatArray
 from solari_vk.scene.lights.light import Light
@@ -111,6 +113,10 @@ def _rotation(value: ArrayLike) -> FloatArray:
     turn = np.asarray(value, np.float64)
     if turn.ndim == 0:
         checks.refuse_not_finite(turn[None])
+        if abs(float(turn)) > 2 * math.pi:
+            warn(
+                f"Environment: rotation is in radians, and {float(turn):g} is more than a turn: math.radians(90) is 90°"
+            )
         turn = rotation((0, 1, 0), float(turn))
     matrix: FloatArray = checks.array(3, 3)(turn)
     if not is_rotation(turn):
