@@ -54,7 +54,7 @@ def take_screenshot(session: Session) -> Path:
         )
     edits = edit_lines(session)
     if edits:
-        lines.append("# Edits that the command leaves out, as Python writes them:")
+        lines.append("# Edits that the command leaves out; Ctrl+S saves the scene with them:")
         lines += (f"# {line}" for line in edits)
     write_whole(target.with_suffix(".txt"), "\n".join(lines) + "\n")
     return target
