@@ -156,7 +156,8 @@ def test_what_makes_programs_smaller_is_used():
 def lines_of(page):
     """The commands of a page's blocks and in its text, without comments."""
     inline = re.findall(r"(?<!`)`(solari-vk [^`]+)`", text_of(page))
-    return [line.split(" #")[0].strip() for block in blocks(page, "sh") for line in block.splitlines()] + inline
+    lines = "\n".join(blocks(page, "sh")).replace("\\\n", "").splitlines()
+    return [line.split(" #")[0].strip() for line in lines] + inline
 
 
 COMMANDS = sorted({line for page in PAGES for line in lines_of(page) if line.startswith("solari-vk ")})
