@@ -216,7 +216,7 @@ def test_options_are_there(capsys):
 @pytest.mark.slow
 @pytest.mark.parametrize("line", RENDERS)
 def test_renders_run(lent_device, line, folder):
-    words = shlex.split(re.sub("--workers [0-9]+", "--workers 1", line))[1:]
+    words = shlex.split(re.sub("--seconds [0-9]+", "", re.sub("--workers [0-9]+", "--workers 1", line)))[1:]
     output = folder / words[words.index("-o") + 1]
     limits = ["--size", "16x9", *(["--frames", "2"] if "--animate" in words else ["--time-limit", "0.01"])]
     if output.suffix == ".mp4":
