@@ -157,8 +157,10 @@ class SceneBinder:
 
     @property
     def dark_scenes(self) -> list[Scene]:
-        """The scenes that have no light, as of the latest `update`."""
-        return [records.scene for records in self._all_records if not len(records.lights.ids)]
+        """The scenes that are black for lack of light, as of the latest `update`."""
+        return [
+            records.scene for records in self._all_records if not len(records.lights.ids) and _is_lit(records.scene)
+        ]
 
     @property
     def triangle_orders(self) -> dict[int, NDArray[np.int64]]:
@@ -311,3 +313,9 @@ class SceneBinder:
         self.assets.destroy()
         if self.tlas is not None:
             self.tlas.destroy()
+
+
+def _is_lit(scene: Scene) -> bool:
+    """Whether what a scene shows needs light: unlit materials don't, and an empty scene is black on purpose."""
+    shown = [instance.material for instance in scene if instance.visible]
+    return bool(shown) and not any(material.unlit for material in shown)

@@ -74,7 +74,7 @@ class RendererBase(Hints):
     _motion: tuple[Projection, Projection] | None = None  # realtime: of the latest two frames, without a shutter
     _closed = False
     _needs_traced_camera = False  # whether the latest camera has a lens model or an aperture, which raster can't draw
-    _looked_for_light = False
+    warned_of_darkness: bool | None = None  # whether the scene had no light in the first picture
     _metering_frame_count = 0  # that chose the exposure of a camera
 
     def __init__(self, device: Device, scene: Scene | SceneBinder, size: tuple[int, int]) -> None:
@@ -386,17 +386,14 @@ class RendererBase(Hints):
 
     def _warn_of_darkness(self) -> None:
         """Warn before the first picture of a scene in which nothing emits light. `binder` is up to date."""
-        if self._looked_for_light:
+        if self.warned_of_darkness is not None:
             return
-        self._looked_for_light = True
+        self.warned_of_darkness = bool(self._dark_scenes)
         for scene in self._dark_scenes:
-            # Unlit materials are seen without light, and an empty scene is black on purpose.
-            shown = [instance.material for instance in scene if instance.visible]
-            if shown and not any(material.unlit for material in shown):
-                warn(
-                    f"{scene.describe()} has no light, so pictures are black: load files with solari_vk.open, call "
-                    "studio_lights(scene), set scene.environment = Sky(), or add a light"
-                )
+            warn(
+                f"{scene.describe()} has no light, so pictures are black: load files with solari_vk.open, call "
+                "studio_lights(scene), set scene.environment = Sky(), or add a light"
+            )
 
     def _camera_or_default(self, camera: Camera | None) -> Camera:
         if camera is None:

@@ -52,6 +52,7 @@ class Source(Protocol):
     view: str
     tonemap: str
     first_hits: FirstHitReader
+    warned_of_darkness: bool | None
 
     @property
     def gbuffer(self) -> str: ...
@@ -263,8 +264,7 @@ class RenderedFrame(Hints):
             factor = camera.exposure
         wrong = unseen(radiance * factor)
         if wrong == "black":
-            # Of a scene without any light the renderer has warned.
-            if not self._renderer.binder.dark_scenes:
+            if not self._renderer.warned_of_darkness:
                 warn(
                     "the picture is black: the scene's lights don't reach it. Lights are those of scene.lights, "
                     "instances with an emissive material, scene.environment, and studio_lights(scene)"

@@ -135,8 +135,8 @@ class Group(Scaled, Hints):
         """Turn the group about its own z axis, which is that of a robot's joint, to an angle.
 
         radians: from the pose in which the group was made or loaded, so that a second call with the same angle moves
-        nothing; what else has moved the group, such as a joint before it, stays. Raises SolariError for an angle that
-        isn't finite.
+        nothing; what else has moved the group, such as a joint before it, stays. turn(0) puts it back, not an assigned
+        transform. Raises SolariError for an angle that isn't finite.
         """
         self._move_joint("turn: radians", radians, self._joint[1])
 

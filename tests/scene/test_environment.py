@@ -212,7 +212,7 @@ def test_solid_angles_and_flux():
     np.testing.assert_allclose(sv.Environment(image).brightest, expected, atol=1e-6)
     turned = sv.Environment(image, rotation=np.pi / 2).brightest
     np.testing.assert_allclose(turned, (expected[2], expected[1], -expected[0]), atol=1e-6)
-    with pytest.warns(UserWarning, match="rotation is in radians, and 90 is more than a turn"):
+    with pytest.warns(UserWarning, match="rotation is in radians"):
         sv.Environment(image, rotation=90)
 
 

@@ -125,8 +125,10 @@ def test_data_sets_from_the_scenes_own_cameras():
     assert positions("file") == both
     assert positions("file", 1) == both[:1]
     assert positions("top,front") == both[::-1]
-    with pytest.raises(SolariError, match=r"has 2 cameras, --views asks for 3"):
+    with pytest.raises(SolariError, match=r"that is 2 cameras, --views asks for 3"):
         positions("file", 3)
+    scene.cameras["top"].name = "orbit"
+    assert len(positions("orbit", 3)) == 3, "the words mean what they always do"
     with pytest.raises(SolariError, match=r"nor a camera's name"):
         positions("front,side")
 

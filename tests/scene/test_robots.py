@@ -7,8 +7,9 @@ import pytest
 from PIL import Image
 
 import solari_vk as sv
+from solari_vk.base.budget import BudgetError
 from solari_vk.base.color import decode_srgb
-from solari_vk.scene.files.mujoco import geoms
+from solari_vk.scene.files.mujoco import geoms, urdf
 from solari_vk.scene.files.mujoco.mjcf import compile_spec
 from solari_vk.scene.files.mujoco.model_scene import ModelScene, model_scene
 from solari_vk.scene.files.mujoco.surfaces import WHITE, sky_image
@@ -465,6 +466,15 @@ def test_visuals_of_urdf_have_names_of_their_own(package, capfd):
     found = {one.name: one.label for one in sv.load(package)}
     assert found == {"x": "x", "world/sphere": "x", "world/tip": "tip", "world/tip 2": "tip", "y": "y"}
     assert "duplicate" not in "".join(capfd.readouterr())  # of MuJoCo
+
+
+def test_a_spent_budget_leaves_no_mesh_out(package, monkeypatch):
+    def fail(*_):
+        raise BudgetError("spent")
+
+    monkeypatch.setattr(urdf, "_mesh_scene", fail)
+    with pytest.raises(BudgetError, match="spent"):
+        sv.load(package)
 
 
 def test_folders_above_are_packages_by_what_they_have(package):

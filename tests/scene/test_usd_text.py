@@ -237,3 +237,22 @@ def test_variants_are_chosen_while_a_file_is_read(tmp_path):
         scene.use_variant("green")
     with pytest.raises(sv.SolariError, match="by `variants`"):
         sv.load(tmp_path / "a.usda", variant="green")
+
+
+def test_lights_with_cones_are_animated(tmp_path):
+    light = "float inputs:shaping:cone:angle=30; float inputs:intensity.timeSamples={0:10,24:20}; "
+    scene = load(tmp_path, f'def SphereLight "s" (prepend apiSchemas=["ShapingAPI"]) {{ {light} }}')
+    before = scene.lights[0].intensity
+    scene.animate(1.0)
+    assert scene.lights[0].intensity == pytest.approx(2 * before)
+
+
+def test_nested_instances_have_colors_of_their_own(tmp_path):
+    inner = f'class "Inner" {{ def Mesh "geo" {{ {SQUARE} }} }}'
+    parts = (("a", (1, 0, 0)), ("b", (0, 1, 0)))
+    used = [f'def Xform "{n}" (instanceable=true; references=</Inner>) {{ {DISPLAY % str(c)} }}' for n, c in parts]
+    outer = 'class "Outer" { ' + "\n".join(used) + " }"
+    ones = [f'def Xform "{name}" (instanceable=true; references=</Outer>) {{ }}' for name in ("one", "two")]
+    scene = load(tmp_path, "\n".join([inner, outer, *ones]))
+    colors = [tuple(one.material.base_color.tolist()) for one in scene if "x" not in one.name]
+    assert sorted(colors) == [(0, 1, 0), (0, 1, 0), (1, 0, 0), (1, 0, 0)]

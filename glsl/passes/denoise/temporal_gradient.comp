@@ -33,6 +33,7 @@ void add_pixel(
     cell.luminance_sum += luminance(updated_mean);
     cell.max_luminance = max(cell.max_luminance, luminance(updated_mean));
     cell.pixels += 1.0;
+    if (history.frames == 0.0) { return; }
     if (history.frames < MIN_GRADIENT_FRAMES) {
         add_gradient(young, compared(radiance), compared(history.radiance));
         return;

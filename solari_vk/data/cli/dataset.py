@@ -20,7 +20,7 @@ from solari_vk.data.annotate.keypoints import find_keypoints
 from solari_vk.data.cli.annotations import ANNOTATIONS, AnnotationWriter, write_shards
 from solari_vk.data.cli.rendering import metered, render_files
 from solari_vk.data.cluster import RenderTask, Style, View, blocks
-from solari_vk.data.datasets.dataset import cameras_for, views_of, write_transforms
+from solari_vk.data.datasets.dataset import are_named, cameras_for, views_of, write_transforms
 from solari_vk.data.datasets.journal import open_journal
 from solari_vk.data.datasets.tasks import FLOW, FLOW_BACK, KEYPOINTS, RAW, SILHOUETTES, TRACED
 from solari_vk.data.randomize.randomizer import Randomizer
@@ -77,7 +77,8 @@ def run(job: DatasetJob) -> int:
         _randomize_cameras(cameras, randomizer)
         print(f"{len(cameras)} views of {job.source}, {exposure}", file=sys.stderr)
         views = _views(job, style, cameras)
-        tasks = _tasks(style, views, job.cameras == "random" or randomizer is not None)
+        are_alone = job.cameras == "random" or are_named(job.cameras, loaded.scene) or randomizer is not None
+        tasks = _tasks(style, views, are_alone)
         # The journal is opened before any file is written: it refuses a folder that holds another data set.
         journal = open_journal(folder / JOURNAL, pool, loaded.scene, tasks)
         _write_tables(job, style, views, loaded.scene, labels)
@@ -222,9 +223,9 @@ def _renderer_style(job: DatasetJob) -> Style:
     return Style(job.size, job.seed, job.aov, job.tonemap, settings=settings, frames=job.average, warm_up=job.warm_up)
 
 
-def _tasks(style: Style, views: list[View], is_random: bool) -> list[RenderTask]:
+def _tasks(style: Style, views: list[View], are_alone: bool) -> list[RenderTask]:
     """Each view alone; or, of cameras that follow a path in realtime mode, blocks, whose motion is that of the path."""
-    if style.settings is not None and not is_random:
+    if style.settings is not None and not are_alone:
         return blocks(style, views)
     # Views that don't follow each other have no common history: each warms up by itself.
     warm_up = style.warm_up if style.settings is not None else 0

@@ -43,11 +43,8 @@ def cameras_for(kind: str, scene: Scene, camera: Camera, count: int | None, aspe
     a JSON file of poses. count: the number of cameras; None for all of a scene or a file. aspect: width / height of the
     pictures. Raises SolariError for a file that can't be read, for fewer cameras, and without a count.
     """
-    names = kind.split(",")
-    if kind == "file":
-        return _own_cameras(list(scene.cameras), count, f"--cameras file: {scene.describe()}")
-    if all(name in scene.cameras for name in names):
-        return _own_cameras([scene.cameras[name] for name in names], count, f"--cameras {kind}: this")
+    if are_named(kind, scene):
+        return _own_cameras(kind, scene, count)
     if kind not in ("orbit", "random"):
         return _read_poses(Path(kind), count, aspect)
     if count is None:
@@ -59,10 +56,19 @@ def cameras_for(kind: str, scene: Scene, camera: Camera, count: int | None, aspe
     return _random_cameras(scene, count, aspect, seed)
 
 
-def _own_cameras(cameras: Sequence[Camera], count: int | None, who: str) -> list[Camera]:
-    if not cameras or (count or 0) > len(cameras):
-        asked = f", --views asks for {count}" if count else ""
-        raise SolariError(f"{who} has {len(cameras)} cameras{asked}")
+def are_named(kind: str, scene: Scene) -> bool:
+    """Whether `kind` means cameras of the scene's own."""
+    if kind in ("orbit", "random", "file"):
+        return kind == "file"
+    return all(name in scene.cameras for name in kind.split(","))
+
+
+def _own_cameras(kind: str, scene: Scene, count: int | None) -> list[Camera]:
+    cameras = list(scene.cameras) if kind == "file" else [scene.cameras[name] for name in kind.split(",")]
+    if not cameras:
+        raise SolariError(f"--cameras file: {scene.describe()} has no camera of its own")
+    if (count or 0) > len(cameras):
+        raise SolariError(f"--cameras {kind}: that is {len(cameras)} cameras, --views asks for {count}")
     return [copy.copy(camera) for camera in cameras[:count]]
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import os
 from dataclasses import KW_ONLY, field
 from typing import Any
@@ -113,10 +112,9 @@ def _rotation(value: ArrayLike) -> FloatArray:
     turn = np.asarray(value, np.float64)
     if turn.ndim == 0:
         checks.refuse_not_finite(turn[None])
-        if abs(float(turn)) > 2 * math.pi:
-            warn(
-                f"Environment: rotation is in radians, and {float(turn):g} is more than a turn: math.radians(90) is 90°"
-            )
+        # A whole number so far beyond a turn was meant in degrees.
+        if abs(float(turn)) >= 10 and float(turn).is_integer():
+            warn("Environment: rotation is in radians: for 90 degrees give math.radians(90)")
         turn = rotation((0, 1, 0), float(turn))
     matrix: FloatArray = checks.array(3, 3)(turn)
     if not is_rotation(turn):

@@ -79,7 +79,8 @@ class Sources:
             theirs.clear()
             for item in items:
                 ours.add(item)
-        self.scene._groups = loaded._groups
+        for name in ("_groups", "_paths", "_variant_sets"):
+            setattr(self.scene, name, getattr(loaded, name))
         self.scene.warnings = loaded.warnings
         self.scene.variants = loaded.variants
         self.scene.backdrop = loaded.backdrop

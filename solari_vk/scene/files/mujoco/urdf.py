@@ -10,7 +10,7 @@ from xml.etree.ElementTree import Element, SubElement
 
 import numpy as np
 
-from solari_vk.base.budget import charge
+from solari_vk.base.budget import BudgetError, charge
 from solari_vk.base.color import decode_srgb
 from solari_vk.base.errors import SolariError, quoted
 from solari_vk.base.files import read_regular
@@ -224,7 +224,7 @@ class Lost:
         self.first: SolariError | None = None
 
     def add(self, error: SolariError) -> None:
-        if self.strict:
+        if self.strict or isinstance(error, BudgetError):
             raise error
         self.first = self.first or error
         remark = f"{error}; it is left out"

@@ -122,7 +122,9 @@ class Lights:
         try:
             if isinstance(light, DirectionalLight):
                 return self._sun(prim)
-            return self._glow(prim, float(np.linalg.norm(world[:3, :3], axis=0).mean()), light.profile)
+            return self._glow(
+                prim, float(np.linalg.norm(world[:3, :3], axis=0).mean()), getattr(light, "profile", None)
+            )
         finally:
             self._time = outer
 

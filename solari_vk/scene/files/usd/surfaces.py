@@ -166,7 +166,12 @@ class Surface:
     def _find(self, name: str) -> tuple[Any, str]:
         """A primvar, and its path if an instance inherits it from outside of its prototype, else ""."""
         primvar = UsdGeom.PrimvarsAPI(self.prim).FindPrimvarWithInheritance(name)
-        is_shared = not primvar or not self.prim.IsInstanceProxy() or primvar.GetAttr().GetPrim().IsInstanceProxy()
+        if not primvar or not self.prim.IsInstanceProxy():
+            return primvar, ""
+        owner = primvar.GetAttr().GetPrim()
+        # Instances nest: the owner may be in the prototype of an outer one.
+        prototype = self.prim.GetPrimInPrototype().GetPrototype()
+        is_shared = owner.IsInstanceProxy() and owner.GetPrimInPrototype().GetPrototype() == prototype
         return primvar, "" if is_shared else str(primvar.GetAttr().GetPath())
 
     def sources(self, names: Iterable[str]) -> tuple[str, ...]:
