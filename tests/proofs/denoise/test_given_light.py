@@ -171,6 +171,19 @@ def check_light_off_at_once(device):
     assert abs(left) < 0.05
 
 
+def check_new_beside_old(device):
+    """Pixels that come into view say nothing of a change: beside them even light keeps its history, though a lamp
+    changes."""
+    scene = white_wall()
+    lamp = scene.add(sv.PointLight((0, 0, 0), intensity=100.0))
+    with denoising(device, scene, "1.0") as renderer:
+        last_of(renderer, 8)
+        lamp.intensity = 10.0
+        lengths = frames_in_history(renderer.render(camera_moved_by(8.0)))
+    assert lengths.min() == 1, "8 columns are new"
+    assert np.abs(lengths[:, :-12] - 9).max() < 0.5
+
+
 def check_smooth_surfaces(device):
     """The mean light of smooth surfaces is kept while the camera moves: noise around 1, and 0.5 with one sample in
     twenty of 10.5."""
@@ -275,6 +288,15 @@ BUGS = {
     ),
     "light off": (check_light_off, Bug("passes/denoise/history_confidence.comp", "confidence(Gradient", "return 1.0;")),
     "light off at once": (check_light_off_at_once, Bug("passes/denoise/constants.glsl", "YOUNG_VARIANCE_RATIO", "1e9")),
+    "new beside old": (
+        check_new_beside_old,
+        Bug(
+            "passes/denoise/temporal_gradient.comp",
+            "add_pixel",
+            "if (history.frames == 0.0) { add_gradient(young, compared(radiance), 0.0); } "
+            "correct(cell, compared_sum, young, history, radiance);",
+        ),
+    ),
     "not finite": (check_not_finite, Bug("common/math.glsl", "is_finite_color", "return true;")),
     "edges": (
         check_edges,
