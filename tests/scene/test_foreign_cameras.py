@@ -115,7 +115,7 @@ def test_worlds_of_transforms_json(tmp_path):
 
 
 def test_data_sets_from_the_scenes_own_cameras():
-    scene = sv.Scene()
+    scene = sv.Scene(sv.Instance(sv.shapes.sphere(1.0)))
     front, top = (scene.add(sv.Camera(position=(0, 1, z), name=name)) for name, z in (("front", 3), ("top", 5)))
 
     def positions(kind, count=None):
