@@ -17,15 +17,17 @@ from solari_vk.gpu.device.compiling import Compiling, announced
 PASSES = {f"reference/{name}" for name in ("start", "next_wave", "trace_wave", "shade_wave", "accumulate")}
 
 
-def test_a_device_names_what_it_compiles(device, monkeypatch):
+def test_a_device_names_what_it_compiles(any_device):
     """Every shader, pipeline and, on a software device, machine code, once and in order; nothing in later frames."""
-    device.trim()
     seen: list[Compiling] = []
-    monkeypatch.setattr(device, "on_compile", seen.append)
     scene = sv.builtin("cornell_box")
     for material in scene.materials:
         material.double_sided = True  # no look for hidden backs, which has shaders of its own
-    with sv.PathTracer(device, scene, (16, 16), max_bounces=2) as tracer:
+    # A device of its own has no pipelines of other tests.
+    with (
+        sv.Device(validation=True, on_compile=seen.append) as device,
+        sv.PathTracer(device, scene, (16, 16), max_bounces=2) as tracer,
+    ):
         tracer.render(samples=1)
         pipelines = len(PASSES) + 1  # next_wave has two
         counts = {"shaders": len(PASSES), "pipelines": pipelines}
