@@ -160,7 +160,7 @@ def unknown_attribute(what: str, name: str, known: Callable[[], Iterable[str]]) 
     text = f"{what} '{name}'"
     if not name.startswith("_"):
         text = str(unknown_name(what, name, (name for name in known() if not name.startswith("_"))))
-    # A name that is given stops Python from adding a suggestion of its own, which may be private.
+    # With name=None Python adds no suggestion of its own, which may be private.
     return AttributeError(text, name=None)
 
 

@@ -159,7 +159,9 @@ class SceneBinder:
     def dark_scenes(self) -> list[Scene]:
         """The scenes that are black for lack of light, as of the latest `update`."""
         return [
-            records.scene for records in self._all_records if not len(records.lights.ids) and _is_lit(records.scene)
+            records.scene
+            for records in self._all_records
+            if not len(records.lights.ids) and _needs_light(records.scene)
         ]
 
     @property
@@ -315,7 +317,7 @@ class SceneBinder:
             self.tlas.destroy()
 
 
-def _is_lit(scene: Scene) -> bool:
+def _needs_light(scene: Scene) -> bool:
     """Whether what a scene shows needs light: unlit materials don't, and an empty scene is black on purpose."""
     shown = [instance.material for instance in scene if instance.visible]
     return bool(shown) and not any(material.unlit for material in shown)
