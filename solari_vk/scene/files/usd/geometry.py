@@ -49,7 +49,7 @@ class Geometry:
         look = self._look(prim, prim, lambda name: shape_constant(prim, name, self._time, self._report))
         for name in look.uvs[1:]:  # shapes have one set of their own
             self._report.add(_NO_UVS, f"<{prim.GetPath()}> {name}")
-        material = self._lit(prim, look.material, lambda: mesh.positions[mesh.triangles], world)
+        material = self._lit(prim, look.material, lambda: (mesh.positions, mesh.triangles), world)
         return [(mesh, material, prim.GetName())]
 
     def _surface(self, prim: Any, world: Matrix) -> list[Part]:
@@ -80,18 +80,19 @@ class Geometry:
                 if deformation is not None:
                     mesh.update(deformation=deformation)
                 self._meshes[made] = mesh
-            parts.append((self._meshes[made], self._lit(prim, look.material, surface.corners, world), full))
+            parts.append((self._meshes[made], self._lit(prim, look.material, surface.shape, world), full))
         return parts
 
     def _look(self, prim: Any, owner: Any, read: Any) -> Look:
         """The material of a prim or one of its subsets."""
         return self._materials.look(owner, bool(UsdGeom.Gprim(prim).GetDoubleSidedAttr().Get()), read)
 
-    def _lit(self, prim: Any, material: Material, corners: Callable[[], Any], world: Matrix) -> Material:
-        """The material with the light that a prim gives. corners: those (M, 3, 3) of all its triangles."""
+    def _lit(self, prim: Any, material: Material, shape: Callable[[], Any], world: Matrix) -> Material:
+        """The material with the light that a prim gives. shape: its points (N, 3), and triangles (M, 3) of them."""
         if not prim.HasAPI(UsdLux.LightAPI):
             return material
-        return self._lights.mesh_light(prim, material, corners(), world)
+        points, triangles = shape()
+        return self._lights.mesh_light(prim, material, points, triangles, world)
 
 
 def _usual_uvs(prim: Any) -> tuple[str, ...]:

@@ -24,6 +24,7 @@ from solari_vk.scene.lights.portal import Portal
 from solari_vk.scene.lights.profile import LightProfile
 from solari_vk.scene.lights.punctual import MIN_RADIUS, PointLight, SpotLight
 from solari_vk.scene.matrices import nearest_rotation, rotation, upright
+from solari_vk.scene.meshes.smoothing import area_vectors
 from solari_vk.scene.model import DirectionalLight, Instance, Material, Mesh, Texture, TextureImage
 
 BRIGHTEST = 1e15  # in lux or cd, of the scene's lights
@@ -295,7 +296,7 @@ class Lights:
         where = f"<{prim.GetPath()}>"
         light, color = self.luminance(prim)
         if self.value(prim, "normalize", False):
-            light /= max(self.area(mesh.positions[mesh.triangles], world), 1e-30)
+            light /= max(self.area(mesh.positions, mesh.triangles, world), 1e-30)
         shaped = [name for name in ("focus", "ies:file") if self.value(prim, f"shaping:{name}", None)]
         angle = prim.GetAttribute("inputs:shaping:cone:angle")
         limit = 90.0 if prim.GetTypeName() in ("RectLight", "DiskLight") else 180.0
@@ -320,12 +321,14 @@ class Lights:
             radiance = radiance * (limit / radiance.max())
         return radiance.astype(np.float32)
 
-    def mesh_light(self, prim: Any, material: Material, corners: NDArray[Any], world: Matrix) -> Material:
-        """The material of a mesh that is a light. corners (M, 3, 3): of all its triangles."""
+    def mesh_light(
+        self, prim: Any, material: Material, points: NDArray[Any], triangles: NDArray[Any], world: Matrix
+    ) -> Material:
+        """The material of a mesh that is a light, with points (N, 3) and triangles (M, 3)."""
         self._remark(prim)
         light, color = self.luminance(prim)
         if self.value(prim, "normalize", False):
-            light /= max(self.area(corners, world), 1e-30)
+            light /= max(self.area(points, triangles, world), 1e-30)
         mode = str(prim.GetAttribute("light:materialSyncMode").Get() or "")
         if mode == "noMaterialResponse":
             return self.emissive(light, color, prim)
@@ -334,10 +337,10 @@ class Lights:
             return dataclasses.replace(material, emissive=self._dimmed(emissive * material.emissive, prim))
         return dataclasses.replace(material, emissive=self._dimmed(emissive, prim), emissive_texture=None)
 
-    def area(self, corners: NDArray[Any], world: Matrix) -> float:
-        """Of triangles (M, 3, 3), in squares of the stage's unit, as `normalize` means it."""
-        a, b, c = (corners @ world[:3, :3].T).swapaxes(0, 1)
-        return float(np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / 2) / self._unit**2
+    def area(self, points: NDArray[Any], triangles: NDArray[Any], world: Matrix) -> float:
+        """Of triangles (M, 3) of points (N, 3), in squares of the stage's unit, as `normalize` means it."""
+        vectors = area_vectors(points @ world[:3, :3].T, triangles)
+        return float(np.linalg.norm(vectors, axis=1).sum() / 2) / self._unit**2
 
     def _add_picture(self, material: Material, file: str, where: str) -> None:
         try:

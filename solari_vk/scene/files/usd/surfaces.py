@@ -78,8 +78,7 @@ class Surface:
         self.triangles = self.triangles[~np.isin(self.face_of[self.triangles[:, 0]], holes)]
         if UsdGeom.Gprim(prim).GetOrientationAttr().Get() == UsdGeom.Tokens.leftHanded:
             self.triangles = self.triangles[:, ::-1]
-        a, b, c = self.corners().swapaxes(0, 1)
-        self.triangles = self.triangles[np.cross(b - a, c - a).any(axis=1)]
+        self.triangles = self.triangles[area_vectors(*self.shape()).any(axis=1)]
         if not len(self.indices):
             report.add("meshes without faces show nothing", self.place)
         elif not len(self.triangles):
@@ -91,9 +90,9 @@ class Surface:
         self.parts = self._parts(mesh)
         self._primvars: dict[Any, Values | None] = {}
 
-    def corners(self) -> NDArray[np.float64]:
-        """The corners (M, 3, 3) of all triangles."""
-        return self.points[self.indices[self.triangles]]
+    def shape(self) -> tuple[NDArray[np.float64], Integers]:
+        """The points (N, 3), and those of all triangles (M, 3)."""
+        return self.points, self.indices[self.triangles]
 
     def at(self, prim: Any) -> Surface:
         """The same with what another instance inherits."""
@@ -110,8 +109,8 @@ class Surface:
         if len(self._integers(mesh.GetCreaseIndicesAttr())) or len(self._integers(mesh.GetCornerIndicesAttr())):
             self._report.add(_CREASES, self.place)
         # Over all parts, so that no seam shows between two.
-        every = self.indices[self.triangles]
-        self._smooth = fitted_normals(np.zeros_like(self.points), every, area_vectors(self.points, every))[0]
+        points, every = self.shape()
+        self._smooth = fitted_normals(np.zeros_like(points), every, area_vectors(points, every))[0]
 
     def _error(self, text: str) -> SolariError:
         return SolariError(f"{self._who} {text}")
