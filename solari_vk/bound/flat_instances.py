@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from solari_vk.bound.spatial_order import memory_order
 from solari_vk.gpu.acceleration.geometry import TriangleGeometry
 from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.trees.tree import TAG_DTYPE, FlatTree, build_meshes
@@ -125,7 +126,8 @@ class FlatInstances:
         tree = None
         if rows:
             corners, tags = self._triangles(rows, orders)
-            tree = self._build(corners, tags, len(rows))
+            order = memory_order(self._device.properties.kind, corners.min(axis=1), corners.max(axis=1))
+            tree = self._build(corners[order], tags[order], len(rows))
         self.tree = tree
         self._slots = {row: slot for slot, row in enumerate(rows)}
         self._seen = sum(self._placed[row].triangle_count for row in self._suitable)

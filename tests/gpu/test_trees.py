@@ -463,6 +463,15 @@ def test_trees_are_as_good_as_binned_ones(device, kind, left, stage):
     assert cost <= 1.15 * binned_cost(corners)
 
 
+def test_trees_that_stay_are_improved(device, monkeypatch):
+    corners = soup("plain", 3000)
+    found, height, improved = walk(*built(device, corners))
+    monkeypatch.setattr(tree_module, "IMPROVING_ROUNDS", 0)
+    assert sorted(found) == list(range(3000))
+    assert height <= MAX_HEIGHT
+    assert improved < 0.96 * walk(*built(device, corners))[2]
+
+
 BUGS = {
     "a box too small by one ulp": Bug(
         "scene/trees/clusters.glsl",
@@ -492,6 +501,10 @@ BUGS = {
     "boxes that stay where instances moved": Bug(
         "scene/trees/reinsertion.glsl", "fit_above", "if (cluster % 5u != 0u) { correct(cluster); }"
     ),
+    "no subtree finds a better place": Bug(
+        "scene/trees/reinsertion.glsl", "find_target", "correct(moved, gain); return NO_TARGET;"
+    ),
+    "parts of leaves move": Bug("scene/trees/reinsertion.glsl", "is_within_leaf", "return false;"),
     "the nearest is never found": Bug("scene/trees/clusters.glsl", "nearest_cluster", "return place;"),
 }
 
@@ -504,6 +517,8 @@ def check_with_new_kernel(device):
         test_each_triangle_is_in_one_leaf(device, "shrinking", 3000)
         test_trees_are_as_good_as_binned_ones(device, "plain", 2, 3)
         test_each_instance_is_in_one_leaf(device, 600)
+        with pytest.MonkeyPatch.context() as patch:
+            test_trees_that_stay_are_improved(device, patch)
         test_refits_hold_all_triangles(device, 700)
         test_triangles_that_moved_are_sorted(device, 700, 3, 3)
     finally:

@@ -1,4 +1,4 @@
-// Improves trees over instances, step by step: parallel reinsertion (Meister and Bittner, "Parallel Reinsertion for
+// Improves trees that stay, step by step: parallel reinsertion (Meister and Bittner, "Parallel Reinsertion for
 // Bounding Volume Hierarchy Optimization", 2018). Each subtree looks for the place where it adds least to the areas of
 // boxes. Of subtrees whose moves change the same clusters only that one moves which gains most. Then boxes are computed
 // anew, from the leaves up. build.comp includes this behind what it declares.
@@ -8,7 +8,6 @@
 const uint MAX_VISITS = 256u;  // of a search
 const uint SEARCH_STACK = 64u;
 const uint NO_TARGET = 0xFFFFFFFFu;
-const uint NUMBER_BITS = 16u;  // of a cluster, in a mark
 const float LEAST_GAIN = 1e-30;
 const uint CLUSTER_WORDS = 12u;
 const uint COST_WORD = 8u;
@@ -18,6 +17,9 @@ const uint COST_WORD = 8u;
 List marks() { return List(uvec2(build.clusters)); }
 uint mark_at(uint cluster) { return CLUSTER_WORDS * cluster + COST_WORD; }
 
+// The bits that a mark has for a cluster's number. The others are the highest ones of the gain.
+uint number_bits() { return uint(findMSB(2u * build.count - 1u)) + 1u; }
+
 // In the lists, of which the first one begins with the root.
 uint target_at(uint cluster) { return build.count + cluster; }
 
@@ -26,6 +28,18 @@ bool is_in_tree(uint cluster) {
     uint number = cluster < build.count ? cluster : cluster - build.count;
     if (build.clusters.at[number].parent == UNHITTABLE) { return false; }
     return cluster < build.count || number != build.clusters.at[build.lists.at[0]].parent;
+}
+
+// Whether a cluster is below one that is a leaf as a whole. Those move together.
+bool is_within_leaf(uint cluster) {
+    uint above = build.clusters.at[cluster].parent;
+    while (above >= build.count) {
+        uint size = build.clusters.at[above].size;
+        if ((size & IS_LEAF) != 0u) { return true; }
+        if (size > MAX_LEAF_TRIANGLES) { return false; }
+        above = build.clusters.at[above].parent;
+    }
+    return false;
 }
 
 uint sibling_of(uint cluster) {
@@ -60,7 +74,8 @@ uint find_target(uint moved, out float gain) {
                 target = node;
             }
             left -= widened - half_area(seen.low, seen.high);
-            if (node < build.count || left - own_area <= gain || top + 2u > SEARCH_STACK) { continue; }
+            bool is_leaf = (seen.size & IS_LEAF) != 0u;
+            if (is_leaf || left - own_area <= gain || top + 2u > SEARCH_STACK) { continue; }
             searched[top] = seen.first;
             searched[top + 1u] = seen.second;
             left_of_gain[top] = left_of_gain[top + 1u] = left;
@@ -141,9 +156,12 @@ void fit_above(uint cluster) {
         Cluster b = build.clusters.at[build.clusters.at[node].second];
         build.clusters.at[node].low = min(a.low, b.low);
         build.clusters.at[node].high = max(a.high, b.high);
-        build.clusters.at[node].size = a.size + b.size & ~IS_LEAF;
-        uint height = min(max(height_of(a), height_of(b)) + 1u, (1u << HEIGHT_BITS) - 1u);
-        build.clusters.at[node].shape = (leaves_of(a) + leaves_of(b) << HEIGHT_BITS) + height;
+        // Leaves move as they are.
+        if ((build.clusters.at[node].size & IS_LEAF) == 0u) {
+            build.clusters.at[node].size = (a.size & ~IS_LEAF) + (b.size & ~IS_LEAF);
+            uint height = min(max(height_of(a), height_of(b)) + 1u, (1u << HEIGHT_BITS) - 1u);
+            build.clusters.at[node].shape = (leaves_of(a) + leaves_of(b) << HEIGHT_BITS) + height;
+        }
         node = build.clusters.at[node].parent;
     }
 }
@@ -164,18 +182,19 @@ void improve(uint step, uint cluster) {
     } else if (step == 1u) {
         uint target = NO_TARGET, parent = build.clusters.at[cluster].parent;
         float gain;
-        if (parent >= build.count && build.clusters.at[parent].parent >= build.count) {
+        bool has_choice = parent >= build.count && build.clusters.at[parent].parent >= build.count;
+        if (has_choice && !is_within_leaf(cluster)) {
             target = find_target(cluster, gain);
         }
         build.lists.at[target_at(cluster)] = target;
         if (target != NO_TARGET) {
-            uint key = floatBitsToUint(gain) >> NUMBER_BITS << NUMBER_BITS | cluster;
+            uint key = floatBitsToUint(gain) >> number_bits() << number_bits() | cluster;
             mark_move(cluster, target, key, true);
         }
     } else if (step == 2u) {
         uint target = build.lists.at[target_at(cluster)], key = marks().at[mark_at(cluster)];
         if (target == NO_TARGET) { return; }
-        bool is_first = (key & (1u << NUMBER_BITS) - 1u) == cluster && mark_move(cluster, target, key, false);
+        bool is_first = (key & (1u << number_bits()) - 1u) == cluster && mark_move(cluster, target, key, false);
         if (!is_first) { build.lists.at[target_at(cluster)] = NO_TARGET; }
     } else if (step == 3u) {
         uint target = build.lists.at[target_at(cluster)];

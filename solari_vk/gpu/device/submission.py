@@ -39,11 +39,11 @@ class Submission:
     def _make_room(self, count: int) -> None:
         """Have an array for `count` command buffers ahead of the submission's own."""
         self._room = count
-        infos = [
-            raw.struct("VkCommandBufferSubmitInfo", commandBuffer=item)
-            for item in (*[raw.NULL] * count, *self.commands)
-        ]
-        self._array = raw.array("VkCommandBufferSubmitInfo", infos)
+        self._array = raw.ffi.new("VkCommandBufferSubmitInfo[]", count + len(self.commands))
+        for at in range(count + len(self.commands)):
+            self._array[at].sType = raw.VK_STRUCTURE_TYPE_COMMAND_BUFFER_SUBMIT_INFO
+        for at, commands in enumerate(self.commands, count):
+            self._array[at].commandBuffer = commands
 
     def info_behind(self, ahead: Collection[raw.CData]) -> raw.CData:
         """The VkSubmitInfo2 with other command buffers ahead of the submission's own."""

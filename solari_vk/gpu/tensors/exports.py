@@ -14,7 +14,6 @@ from solari_vk.base.errors import DeviceError, SolariError
 from solari_vk.gpu.device import raw
 from solari_vk.gpu.device.allocator import Allocator
 from solari_vk.gpu.device.barriers import full_barrier
-from solari_vk.gpu.device.commands import Recorded
 from solari_vk.gpu.device.submission import SemaphoreValue
 from solari_vk.gpu.device.work_queue import WorkQueue
 from solari_vk.gpu.tensors import dlpack, shared_memory
@@ -117,20 +116,20 @@ class TensorExports:
             record_copy(cmd, buffer.handle)
             device.vk.vkCmdPipelineBarrier2(cmd, buffer.to_cuda)
 
-        # The commands are freed when their only submission is done.
-        copying = Recorded(device, record, "tensor")
-        await_written = self.submit(copying.commands)
-        copying.destroy()
+        device.start_with_next(record, "tensor")
+        await_written = self.submit([])
         return CudaTensor(self._pool.lend(buffer, buffer.size), await_written, shape, dtype)
 
-    def submit(self, commands: raw.CData, waits: Sequence[SemaphoreValue] = ()) -> Callable[[int | None], None]:
-        """Submit commands, which wait for semaphores. Returns what has a stream wait for them, or, with None and where
+    def submit(
+        self, commands: Sequence[raw.CData], waits: Sequence[SemaphoreValue] = ()
+    ) -> Callable[[int | None], None]:
+        """Submit command buffers, which wait for semaphores. Returns what has a stream wait for them, or, with None and where
         streams can't, the host."""
         device = self._device
         value = self._value + 1
         # Where streams can wait for timelines, Vulkan signals one; else the host waits.
         signals = [] if self._timeline is None else [(self._timeline, value)]
-        submitted = device.submit_prepared(device.submission([commands], waits, signals))
+        submitted = device.submit_prepared(device.submission(commands, waits, signals))
         self._value = value
 
         def wait(stream: int | None) -> None:

@@ -154,7 +154,7 @@ class TensorImports:
         try:
             staging.await_read(stream)
             cuda.copy(staging.shared.memory.address, source, size, stream)
-            staging.await_read = self._exports.submit(staging.copying.commands, self._after(stream))
+            staging.await_read = self._exports.submit([staging.copying.commands], self._after(stream))
         except BaseException:
             self._pool.give_back(staging, room)
             raise

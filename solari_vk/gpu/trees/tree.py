@@ -43,9 +43,15 @@ MAX_GROUPS = 65535  # of one dispatch, on any device
 LEFT_HALVINGS = 6  # a workgroup has a thread for each of these clusters
 STAGE_HALVINGS = 5
 IMPROVING_STAGES = 1 << 30
-IMPROVING_STEPS = 6
-# Trees over more instances aren't improved: reinsertion.glsl counts clusters with 16 bits.
+WRITING_STEP = 5  # the last one
+# Trees over more instances aren't improved, since a step would take more than a millisecond.
 MAX_IMPROVED = 1 << 15
+# So often a tree over triangles that stay is improved when it is built, if it has no more than
+# IMPROVED_TRIANGLES / IMPROVING_ROUNDS; larger ones less often.
+IMPROVING_ROUNDS = 12
+IMPROVED_TRIANGLES = 1 << 22
+# Smaller trees are as good as they get.
+FEWEST_IMPROVED = 1 << 9
 SORTING_STAGES = 1 << 31
 SORTING_STEPS = 30  # the stage of this number stands for all of a small tree
 WRITING_STAGE = 0xFFFFFFFF
@@ -276,11 +282,16 @@ class TreeBuilds:
         records["halvings"] = halvings
         records["sorts_first"] = [read.get("sorts_first", 0) for _, read in jobs]
         self._stages = _stages(records["halvings"].astype(np.int64), records["sorts_first"] > 0)
-        improved = np.array(
-            [read.get("is_of_instances", 0) * count for (_, read), count in zip(jobs, counts, strict=True)]
-        )
-        improved[improved > MAX_IMPROVED] = 0
+        of_instances = np.array([read.get("is_of_instances", 0) for _, read in jobs], bool)
+        improved = np.array(counts)
+        improved[of_instances & (improved > MAX_IMPROVED)] = 0
+        improved[~of_instances & (improved < FEWEST_IMPROVED)] = 0
+        # Refits compare the costs of trees that move, and improving overwrites these.
+        improved[np.array([read.get("keeps_all", 0) for _, read in jobs], bool)] = 0
         self._improving = parts_of(np.arange(len(jobs)), -(-2 * improved // GROUP_SIZE))
+        self._rounds = 0
+        if improved.any() and not of_instances.any():
+            self._rounds = min(IMPROVING_ROUNDS, IMPROVED_TRIANGLES // int(improved.sum()))
         parts = np.concatenate([*(parts for _, parts in self._stages), self._improving])
         for tree in self.trees:
             tree.ensure_memory()
@@ -310,11 +321,13 @@ class TreeBuilds:
             pushed = {"stage": stage, "stage_halvings": STAGE_HALVINGS, "left_halvings": LEFT_HALVINGS}
             record_parts(self._device, commands, self._kernel, len(parts), at, builds=self._records.address, **pushed)
             at += parts.nbytes
+        self.record_improvement(commands, self._rounds)
 
-    def record_improvement(self, commands: raw.CData) -> None:
-        """Record a step that improves the trees over instances, which were built, by reinsertion.glsl."""
+    def record_improvement(self, commands: raw.CData, rounds: int = 1) -> None:
+        """Record rounds that improve the trees, which were built, by reinsertion.glsl."""
         at = self._parts.address + sum(parts.nbytes for _, parts in self._stages)
-        for step in range(IMPROVING_STEPS):
+        steps = [*range(WRITING_STEP)] * rounds + [WRITING_STEP] * min(rounds, 1)
+        for step in steps:
             pushed = {"stage": IMPROVING_STAGES + step, "stage_halvings": 0, "left_halvings": 0}
             builds = self._records.address
             record_parts(self._device, commands, self._kernel, len(self._improving), at, builds=builds, **pushed)
