@@ -38,12 +38,12 @@ bool find_element(inout uvec2 place, uvec2 size, out uint index) {
     return true;
 }
 
-// From a pixel's element in buffers: the pixel within its view, which is chosen.
-uvec2 find_pixel_of(uint index) {
-    uint pixels = camera.size.x * camera.size.y;
-    choose_view(index / pixels);
-    index %= pixels;
-    return uvec2(index % camera.size.x, index / camera.size.x);
+// From an element in buffers: the place within its view, which is chosen.
+uvec2 find_place_of(uint index, uvec2 size) {
+    uint places = size.x * size.y;
+    choose_view(index / places);
+    index %= places;
+    return uvec2(index % size.x, index / size.x);
 }
 
 #else
@@ -60,12 +60,15 @@ bool find_element(uvec2 place, uvec2 size, out uint index) {
     return is_inside(place, size);
 }
 
-uvec2 find_pixel_of(uint index) { return uvec2(index % camera.size.x, index / camera.size.x); }
+uvec2 find_place_of(uint index, uvec2 size) { return uvec2(index % size.x, index / size.x); }
 
 #endif
 
 // Turns an invocation's place in the grid of all views into the pixel within its view, which is chosen, and the pixel's
 // element in buffers. Returns false outside of all views.
 bool find_pixel(inout uvec2 pixel, out uint index) { return find_element(pixel, camera.size, index); }
+
+// From a pixel's element in buffers: the pixel within its view, which is chosen.
+uvec2 find_pixel_of(uint index) { return find_place_of(index, camera.size); }
 
 #endif

@@ -54,11 +54,14 @@ def stage(size: Size, rendered: Size, grid: Size = (1, 1)) -> Stage:
             "taa_samples": History(rendered[0] * rendered[1]),
             "taa_changes": changes,
             "taa_confidence": cells,
+            "taa_edges": pixels,
         },
         passes=[
             Pass("taa/change", threads=(columns * CELL_SIZE, rows * CELL_SIZE)),
             Pass("taa/confidence", threads=(columns, rows)),
-            Pass("taa/coverage", threads=size),
+            Pass("taa/find_edges", threads=size),
+            Pass("taa/begin_coverage", threads=1),
+            Pass("taa/coverage", indirect="taa_edges"),
             Pass("taa/resolve", threads=size),
         ],
     )

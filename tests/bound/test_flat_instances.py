@@ -136,7 +136,7 @@ def statics(count, triangles, meshes):
 
 
 def test_the_tree_is_built_in_the_order_of_space(by_compute):
-    """Small meshes come in no order. In theirs the boxes of nodes have 9 times the volume of the scene in all, else 5."""
+    """Small meshes come in no order. In that the boxes of nodes have 9 times the volume of the scene in all, else 5."""
     with sv.RayTracer(by_compute, sv.Scene(*statics(400, 3, 400))) as tracer:
         tracer.trace((0, 0, 9), (0, 0, -1))
         flat = tracer.binder.tlas._traced.flat.tree

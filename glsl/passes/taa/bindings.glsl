@@ -4,6 +4,8 @@
 
 #extension GL_EXT_scalar_block_layout : require
 
+#include "passes/rows.glsl"  // IndirectDispatch
+
 layout(set = 1, scalar) buffer TaaHistoryBlock { uvec2 at[]; } taa_history;
 layout(set = 1, scalar) buffer PreviousTaaHistoryBlock { uvec2 at[]; } previous_taa_history;
 
@@ -32,5 +34,13 @@ void add_change(inout SampleChange sum, SampleChange other) {
 layout(set = 1, scalar) buffer TaaChangesBlock { SampleChange at[]; } taa_changes;
 // For each cell the share of the history around it that is still true: passes/taa/confidence.comp.
 layout(set = 1, scalar) buffer TaaConfidenceBlock { float at[]; } taa_confidence;
+
+// The pixels, of all views, that passes/taa/coverage.comp traces camera rays of.
+layout(set = 1, scalar) buffer TaaEdgesBlock {
+    IndirectDispatch dispatch;
+    uint listed;
+    uint found;  // so far, by passes/taa/find_edges.comp
+    uint at[];
+} taa_edges;
 
 #endif

@@ -1,6 +1,5 @@
-// Pixels at edges in a first frame, or where the picture jumps, and such as show blended surfaces in motion: the mean
-// light of what several camera rays through the pixel show, each of which takes its light from the nearest sample of
-// the surface that it hits. Chajdas, McGuire and Luebke, "Subpixel Reconstruction Antialiasing for Deferred Shading"
+// The pixels that find_edges.comp has listed: the mean light of what several camera rays through the pixel show, each of
+// which takes its light from the nearest sample of the surface that it hits. Chajdas, McGuire and Luebke, "Subpixel Reconstruction Antialiasing for Deferred Shading"
 // (2011), with rays in place of finer depths.
 #version 460
 #include "common/random.glsl"
@@ -17,16 +16,6 @@ vec3 sample_position(ivec2 pixel) {
     CameraRay ray = make_camera_ray(vec2(pixel) + 0.5);
     float view_depth = camera.near / imageLoad(depth, texel_of(pixel)).x;
     return ray.origin + ray.direction * (view_depth / ray.depth_per_t);
-}
-
-bool is_at_edge(ivec2 center) {
-    uint instance = imageLoad(gbuffer_surface, texel_of(center)).y;
-    for (int i = 0; i < 9; i++) {
-        ivec2 other = center + ivec2(i % 3, i / 3) - 1;
-        if (!is_inside(other, camera.size)) { continue; }
-        if (imageLoad(gbuffer_surface, texel_of(other)).y != instance || !show_the_same(center, other)) { return true; }
-    }
-    return false;
 }
 
 // Finds the light of the sample whose surface is the one that a camera ray has hit. where: the ray's position among the
@@ -56,19 +45,17 @@ bool find_sample(ivec2 center, int radius, vec2 where, CameraRay ray, Hit hit, o
 }
 
 void main() {
-    uvec2 pixel = INVOCATION_INDEX;
-    uint index;
-    if (taa_settings.antialiasing == 0u || !find_element(pixel, camera.picture_size, index)) { return; }
+    uint thread = thread_index_in_squares(INVOCATION_INDEX), index;
+    if (thread >= taa_edges.listed) { return; }
+    index = taa_edges.at[thread];
+    uvec2 pixel = find_place_of(index, camera.picture_size);
     ivec2 at = ivec2(pixel), center = find_center(at);
-    if (!needs_coverage(center)) { return; }
     vec3 sum = vec3(0.0);
     float count = 0.0;
     uint rng = seed_rng(pixel, this_frame.index, this_frame.seed ^ PASS_SALT);
     vec2 shift = rand_vec2f(rng);
     uint place = rand_u(rng);
-    // Rays can't tell what raster shows of instances that are other meshes to rays.
-    uint rays = !SCENE_PROXIES && (blends_in_motion(center) || is_at_edge(center)) ? RAYS : 0u;
-    for (uint i = 0u; i < rays; i++) {
+    for (uint i = 0u; i < RAYS; i++) {
         // Roberts, "The Unreasonable Effectiveness of Quasirandom Sequences" (2018).
         vec2 within = fract(shift + float(i) * vec2(0.7548776662, 0.5698402910));
         vec2 where = among_samples(vec2(at) + within);

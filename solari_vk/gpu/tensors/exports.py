@@ -123,8 +123,8 @@ class TensorExports:
     def submit(
         self, commands: Sequence[raw.CData], waits: Sequence[SemaphoreValue] = ()
     ) -> Callable[[int | None], None]:
-        """Submit command buffers, which wait for semaphores. Returns what has a stream wait for them, or, with None and where
-        streams can't, the host."""
+        """Submit command buffers, which wait for semaphores. Returns what has a stream wait for them, or, with None and
+        where streams can't, the host."""
         device = self._device
         value = self._value + 1
         # Where streams can wait for timelines, Vulkan signals one; else the host waits.

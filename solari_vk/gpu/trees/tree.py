@@ -46,10 +46,11 @@ IMPROVING_STAGES = 1 << 30
 WRITING_STEP = 5  # the last one
 # Trees over more instances aren't improved, since a step would take more than a millisecond.
 MAX_IMPROVED = 1 << 15
-# So often a tree over triangles that stay is improved when it is built, if it has no more than
-# IMPROVED_TRIANGLES / IMPROVING_ROUNDS; larger ones less often.
+# So often trees over triangles that stay are improved when they are built; large ones less often, so that all rounds
+# together improve no more than so many triangles, for each of which a processor takes 4 microseconds.
 IMPROVING_ROUNDS = 12
-IMPROVED_TRIANGLES = 1 << 22
+MOST_IMPROVED = 1 << 22
+MOST_IMPROVED_BY_CPU = 1 << 16
 # Smaller trees are as good as they get.
 FEWEST_IMPROVED = 1 << 9
 SORTING_STAGES = 1 << 31
@@ -291,7 +292,8 @@ class TreeBuilds:
         self._improving = parts_of(np.arange(len(jobs)), -(-2 * improved // GROUP_SIZE))
         self._rounds = 0
         if improved.any() and not of_instances.any():
-            self._rounds = min(IMPROVING_ROUNDS, IMPROVED_TRIANGLES // int(improved.sum()))
+            most = MOST_IMPROVED_BY_CPU if device.properties.kind == "cpu" else MOST_IMPROVED
+            self._rounds = min(IMPROVING_ROUNDS, most // int(improved.sum()))
         parts = np.concatenate([*(parts for _, parts in self._stages), self._improving])
         for tree in self.trees:
             tree.ensure_memory()

@@ -104,7 +104,7 @@ def test_a_jump_keeps_the_cache_and_what_was_seen(device):
 
 test_a_seeded_bug_is_noticed = bug_tests(
     {
-        "edges: no rays": (test_edges_are_smooth, Bug("passes/taa/coverage.comp", "is_at_edge", "return false;")),
+        "edges: no rays": (test_edges_are_smooth, Bug("passes/taa/find_edges.comp", "is_at_edge", "return false;")),
         "fill: nobody asks": (
             test_paths_of_a_first_frame_end_in_the_cache,
             Bug("passes/world_cache/request.comp", "ask_for_cell", ""),

@@ -1,0 +1,31 @@
+// Lists the pixels of which coverage.comp traces several camera rays: those at edges in a first frame, or where the
+// picture jumps, and such as show blended surfaces in motion. A pass that traced rays here would keep the threads of
+// the other pixels waiting.
+#version 460
+#include "passes/taa/history.glsl"
+
+layout(local_size_x = 8, local_size_y = 8) in;
+
+bool is_at_edge(ivec2 center) {
+    uint instance = imageLoad(gbuffer_surface, texel_of(center)).y;
+    for (int i = 0; i < 9; i++) {
+        ivec2 other = center + ivec2(i % 3, i / 3) - 1;
+        if (!is_inside(other, camera.size)) { continue; }
+        if (imageLoad(gbuffer_surface, texel_of(other)).y != instance || !show_the_same(center, other)) { return true; }
+    }
+    return false;
+}
+
+void main() {
+    uvec2 pixel = gl_GlobalInvocationID.xy;
+    uint index;
+    if (taa_settings.antialiasing == 0u || !find_element(pixel, camera.picture_size, index)) { return; }
+    ivec2 center = find_center(ivec2(pixel));
+    if (!needs_coverage(center)) { return; }
+    // Rays can't tell what raster shows of instances that are other meshes to rays.
+    if (SCENE_PROXIES || !(blends_in_motion(center) || is_at_edge(center))) {
+        radiance.at[index] = NO_COVERAGE;
+        return;
+    }
+    taa_edges.at[atomicAdd(taa_edges.found, 1u)] = index;
+}
