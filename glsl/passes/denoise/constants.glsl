@@ -18,6 +18,8 @@ const float MIN_PSR_ALBEDO = 0.02;  // least albedo by which light of primary su
 // Reflections: Zhdan, "ReBLUR" (2021).
 // Perceptual roughness from which reflections move like their surface; and up to which like their virtual image.
 const float SURFACE_MOTION_ROUGHNESS = 0.8, VIRTUAL_MOTION_ROUGHNESS = 0.5;
+// The same below which edges of a reflection are as sharp as those of surfaces, so that antialiasing follows it.
+const float SHARP_REFLECTION = 0.06;
 const float LOBE_NORMAL_TOLERANCE = 0.1;  // 1 - the cosine between the normals of two frames, as a multiple of alpha
 const float MIN_LOBE_ALPHA = 0.02;  // narrower lobes count as this wide
 // Specular light that surface motion moves stays valid while the direction to the camera changes by less than about

@@ -62,6 +62,10 @@ LobeHistory find_specular(ivec2 pixel, Guide guide, PreviousSurface previous, Ta
     if (!(inverse_distance > 0.0)) { return surface_history; }
     vec3 virtual_offset = view_direction / inverse_distance;
     vec2 virtual_pixel = previous_pixel(guide.position + virtual_offset, previous.position + virtual_offset, pixel);
+    if (guide.roughness_or_albedo < SHARP_REFLECTION) {
+        vec2 motion = virtual_pixel - (vec2(pixel) + 0.5);
+        reflection_motion.at[element_index(pixel, camera.size)] = packHalf2x16(motion);
+    }
     Taps virtual_taps = find_taps(virtual_pixel, previous, guide, MAX_REFLECTION_PLANE_DISTANCE);
     if (virtual_taps.weight == 0.0) { return surface_history; }
     LobeHistory virtual_history = read_specular(virtual_taps);
@@ -116,6 +120,7 @@ void main() {
     Guide guide = make_guide(pixel);
     if (denoise_settings.denoise == 0u) { guide.kind = NOT_DENOISED; }
     bool has_surface = guide.kind != NOT_DENOISED;
+    reflection_motion.at[index] = packHalf2x16(vec2(2.0 * NO_REFLECTION_MOTION));
     denoise_guides.at[index] = has_surface ? pack_guide(guide) : uvec2(0u);
     uint rng = seed_rng(uvec2(pixel), this_frame.index, this_frame.seed ^ PASS_SALT);
     LobeHistory diffuse = NO_HISTORY, specular = NO_HISTORY;

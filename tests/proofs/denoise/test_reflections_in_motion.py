@@ -41,6 +41,7 @@ def open_hall(material):
     ("metallic", "roughness", "make"),
     [
         (0.0, 0.1, hall),
+        (0.0, 0.0, hall),
         *(
             pytest.param(*case, marks=pytest.mark.slow)
             for case in (
@@ -75,6 +76,10 @@ test_a_seeded_bug_is_noticed = bug_tests(
         "they move like their surface": (
             lambda device: test_reflections_follow(device, 0.0, 0.1, hall),
             Bug(CONSTANTS, "SURFACE_MOTION_ROUGHNESS", "0.0"),
+        ),
+        "the picture moves like the surface": (
+            lambda device: test_reflections_follow(device, 0.0, 0.0, hall),
+            Bug("passes/taa/history.glsl", "reflects_most", "return false;"),
         ),
         "infinity counts as unknown": (
             lambda device: test_reflections_follow(device, 0.0, 0.1, open_hall),
