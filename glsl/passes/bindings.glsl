@@ -60,8 +60,8 @@ layout(set = 1, scalar) buffer SpecularGiDistancesBlock { float at[]; } specular
 layout(set = 1, scalar) buffer EmissionBlock { vec3 at[]; } emission;
 layout(set = 1, scalar) buffer DiffuseRadianceBlock { vec3 at[]; } diffuse_radiance;
 layout(set = 1, scalar) buffer SpecularRadianceBlock { vec3 at[]; } specular_radiance;
-// In pixels, from where the previous frame showed what a smooth surface reflects, as two halves. NO_REFLECTION_MOTION or
-// more where it is unknown.
+// In pixels: from where the previous frame showed what a smooth surface reflects, as two halves. NO_REFLECTION_MOTION
+// or more where it is unknown.
 layout(set = 1, scalar) buffer ReflectionMotionBlock { uint at[]; } reflection_motion;
 const float NO_REFLECTION_MOTION = 16384.0;
 // emission + diffuse_radiance + specular_radiance

@@ -1,6 +1,6 @@
-// The pixels that find_edges.comp has listed: the mean light of what several camera rays through the pixel show, each of
-// which takes its light from the nearest sample of the surface that it hits. Chajdas, McGuire and Luebke, "Subpixel Reconstruction Antialiasing for Deferred Shading"
-// (2011), with rays in place of finer depths.
+// The pixels that find_edges.comp has listed: the mean light of what several camera rays through the pixel show, each
+// of which takes its light from the nearest sample of the surface that it hits. Chajdas, McGuire and Luebke, "Subpixel
+// Reconstruction Antialiasing for Deferred Shading" (2011), with rays in place of finer depths.
 #version 460
 #include "common/random.glsl"
 #include "passes/taa/history.glsl"
