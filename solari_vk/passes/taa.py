@@ -35,8 +35,9 @@ def stage(size: Size, rendered: Size, grid: Size = (1, 1)) -> Stage:
     """Makes `radiance` of this size from `sample_radiance` of the size `rendered`. With antialiasing=off it copies or
     interpolates it. grid: columns and rows of views.
 
-    Inputs: `sample_radiance`, `depth`, `gbuffer_surface`, `guides_*`, `previous_*`. Outputs: `radiance`;
-    for the next frame `taa_history`, `taa_samples`, and in an exposure the mean so far, `radiance`.
+    Inputs: `sample_radiance`, `specular_radiance`, `reflection_motion`, `depth`, `gbuffer_surface`, `guides_*`,
+    `previous_*`. Outputs: `radiance`; for the next frame `taa_history`, `taa_samples`, and in an exposure the mean so
+    far, `radiance`.
     """
     # Yang et al., "A Survey of Temporal Antialiasing Techniques" (2020).
     pixels = size[0] * size[1]
@@ -59,6 +60,7 @@ def stage(size: Size, rendered: Size, grid: Size = (1, 1)) -> Stage:
         passes=[
             Pass("taa/change", threads=(columns * CELL_SIZE, rows * CELL_SIZE)),
             Pass("taa/confidence", threads=(columns, rows)),
+            Pass("taa/reflections", threads=rendered),
             Pass("taa/find_edges", threads=size),
             Pass("taa/begin_coverage", threads=1),
             Pass("taa/coverage", indirect="taa_edges"),

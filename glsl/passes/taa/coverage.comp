@@ -18,30 +18,52 @@ vec3 sample_position(ivec2 pixel) {
     return ray.origin + ray.direction * (view_depth / ray.depth_per_t);
 }
 
-// Finds the light of the sample whose surface is the one that a camera ray has hit. where: the ray's position among the
-// samples. Returns false if none of the samples up to `radius` pixels away shows that surface.
-bool find_sample(ivec2 center, int radius, vec2 where, CameraRay ray, Hit hit, out vec3 light) {
-    float nearest = INFINITY;
+// What a camera ray has hit, and the light of the nearest sample that shows that surface.
+struct CoverageRay {
+    vec2 where;     // among the samples
+    vec3 position;
+    uint instance;
+    float width;    // of the ray there, in meters
+    float nearest;  // distance of the sample; INFINITY without one
+    vec3 light;
+};
+
+CoverageRay rays[RAYS];
+
+// For the rays without a light: looks for it among the samples up to `radius` pixels away. Each sample is loaded once.
+void find_samples(ivec2 center, int radius) {
+    bool is_missing[RAYS], any_missing = false;
+    for (uint i = 0u; i < RAYS; i++) {
+        is_missing[i] = rays[i].nearest == INFINITY;
+        any_missing = any_missing || is_missing[i];
+    }
+    if (!any_missing) { return; }
     int side = 2 * radius + 1;
-    vec3 position = ray.origin + ray.direction * hit.t;
     for (int i = 0; i < side * side; i++) {
         ivec2 pixel = center + ivec2(i % side, i / side) - radius;
         if (!is_inside(pixel, camera.size)) { continue; }
         uvec2 surface = imageLoad(gbuffer_surface, texel_of(pixel)).xy;
         vec3 found = load_sample(pixel);
-        if (surface.y != hit.instance || !is_finite_color(found)) { continue; }
-        vec2 apart = vec2(pixel) - where;
-        float distance = dot(apart, apart);
-        if (hit.instance != NO_INDEX) {
-            float from_plane = abs(dot(position - sample_position(pixel), unpack_octahedral_2x16(surface.x)));
-            distance += PLANE_DISTANCE_WEIGHT * from_plane / (ray.cone_width + ray.cone_spread * hit.t);
+        if (!is_finite_color(found)) { continue; }
+        vec3 position = vec3(0.0), normal = vec3(0.0);
+        if (surface.y != NO_INDEX) {
+            position = sample_position(pixel);
+            normal = unpack_octahedral_2x16(surface.x);
         }
-        if (distance < nearest) {
-            nearest = distance;
-            light = found;
+        for (uint j = 0u; j < RAYS; j++) {
+            if (!is_missing[j] || surface.y != rays[j].instance) { continue; }
+            vec2 apart = vec2(pixel) - rays[j].where;
+            float distance = dot(apart, apart);
+            if (surface.y != NO_INDEX) {
+                float from_plane = abs(dot(rays[j].position - position, normal));
+                distance += PLANE_DISTANCE_WEIGHT * from_plane / rays[j].width;
+            }
+            if (distance < rays[j].nearest) {
+                rays[j].nearest = distance;
+                rays[j].light = found;
+            }
         }
     }
-    return nearest < INFINITY;
 }
 
 void main() {
@@ -50,8 +72,6 @@ void main() {
     index = taa_edges.at[thread];
     uvec2 pixel = find_place_of(index, camera.picture_size);
     ivec2 at = ivec2(pixel), center = find_center(at);
-    vec3 sum = vec3(0.0);
-    float count = 0.0;
     uint rng = seed_rng(pixel, this_frame.index, this_frame.seed ^ PASS_SALT);
     vec2 shift = rand_vec2f(rng);
     uint place = rand_u(rng);
@@ -62,14 +82,20 @@ void main() {
         CameraRay ray = make_camera_ray(where + 0.5);
         uvec2 alpha_seed = uvec2(place, i);  // the samples of a place meet layers in proportion to their alpha
         Hit hit = trace_closest_hit(ray.origin, ray.t_min, ray.direction, INFINITY, TRACE_FRONT_FACES, alpha_seed);
-        vec3 light;
-        // Few samples show a surface behind one of high opacity, or one of low opacity.
-        bool found = find_sample(center, 1, where, ray, hit, light);
-        if (SCENE_BLEND && !found) { found = find_sample(center, FAR, where, ray, hit, light); }
-        if (found) {
-            sum += light;
-            count += 1.0;
-        }
+        rays[i] = CoverageRay(
+            where, ray.origin + ray.direction * hit.t, hit.instance, ray.cone_width + ray.cone_spread * hit.t,
+            INFINITY, vec3(0.0)
+        );
+    }
+    find_samples(center, 1);
+    // Few samples show a surface behind one of high opacity, or one of low opacity.
+    if (SCENE_BLEND) { find_samples(center, FAR); }
+    vec3 sum = vec3(0.0);
+    float count = 0.0;
+    for (uint i = 0u; i < RAYS; i++) {
+        if (rays[i].nearest == INFINITY) { continue; }
+        sum += rays[i].light;
+        count += 1.0;
     }
     radiance.at[index] = count > 0.0 ? sum / count : NO_COVERAGE;
 }

@@ -173,31 +173,12 @@ bool has_new_opacity(ivec2 center) {
     return false;
 }
 
-// Whether what a smooth surface reflects varies by more than all else around a pixel.
-bool reflects_most(ivec2 center) {
-    float reflected = 0.0, others = 0.0, reflected_squares = 0.0, other_squares = 0.0, count = 0.0;
-    for (int i = 0; i < 9; i++) {
-        ivec2 pixel = center + ivec2(i % 3, i / 3) - 1;
-        if (!is_inside(pixel, camera.size)) { continue; }
-        uint index = element_index(pixel, camera.size);
-        float specular = luminance(specular_radiance.at[index]), other = luminance(load_sample(pixel)) - specular;
-        reflected += specular;
-        others += other;
-        reflected_squares += specular * specular;
-        other_squares += other * other;
-        count += 1.0;
-    }
-    return reflected_squares - square(reflected) / count > other_squares - square(others) / count;
-}
-
 // The motion in pixels of the picture of what is seen around a pixel: of its nearest surface, or of what a smooth one
 // reflects.
 vec2 seen_motion(Neighborhood around) {
     vec2 motion = motion_in_picture(around.nearest);
-    // Each point of the lens sees a reflection elsewhere.
-    if (camera.lens_radius > 0.0 || is_still(around.center)) { return motion; }
     vec2 reflected = unpackHalf2x16(reflection_motion.at[element_index(around.center, camera.size)]);
-    bool follows = reflected.x < NO_REFLECTION_MOTION && reflects_most(around.center);
+    bool follows = reflected.x < NO_REFLECTION_MOTION && !is_still(around.center);
     return follows ? reflected / render_scale() : motion;
 }
 

@@ -147,7 +147,7 @@ test_a_seeded_bug_is_noticed = bug_tests(
         SHARP: (measure_motion, Bug(HISTORY, "interpolate_history", "return correct(floor(position) + 0.5, around);")),
         FOLLOWED: (measure_changes, Bug("passes/taa/constants.glsl", "SUSPECT", "1e9")),
         NOISE: (measure_noise, Bug("passes/taa/constants.glsl", "LONGEST", "31.0")),
-        BLENDED: (measure_blended, Bug("passes/taa/coverage.comp", "find_sample", "return false;")),
+        BLENDED: (measure_blended, Bug("passes/taa/coverage.comp", "find_samples", "")),
         NOT_FINITE: (measure_not_finite, Bug("common/math.glsl", "is_finite_color", "return true;")),
     },
     quick=(EVEN,),
