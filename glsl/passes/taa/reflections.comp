@@ -1,5 +1,5 @@
-// A smooth surface shows two images, which move apart. Keeps the motion of what it reflects, which resolve.comp follows,
-// only where that varies more than all else around a pixel.
+// A smooth surface shows two images, which move apart. Keeps the motion of what it reflects, which resolve.comp
+// follows, only where that varies more than all else around a pixel.
 #version 460
 #include "passes/taa/samples.glsl"
 
