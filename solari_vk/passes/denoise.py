@@ -23,13 +23,13 @@ def history_stage(size: tuple[int, int], skips_pixels: bool = False) -> Stage:
     skips_pixels: as of `stage`.
 
     Inputs: `gbuffer_surface`, `guides_*`, `previous_instances`.
-    Outputs: `denoise_guides`, `denoise_diffuse`, `denoise_specular`, `denoise_alternate`, `reflection_motion`.
+    Outputs: `denoise_guides`, `denoise_diffuse`, `denoise_specular`, `denoise_alternate`.
     """
     # Surfaces as in SVGF (Schied et al. 2017), reflections as in ReBLUR (Zhdan 2021).
     pixels = size[0] * size[1]
     return Stage(
         "history",
-        buffers={"reflection_motion": pixels, **dict.fromkeys(HISTORIES, History(pixels))},
+        buffers=dict.fromkeys(HISTORIES, History(pixels)),
         passes=[Pass("denoise/reproject", threads=size, constants={"skips_pixels": skips_pixels})],
     )
 

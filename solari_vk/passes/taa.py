@@ -35,7 +35,7 @@ def stage(size: Size, rendered: Size, grid: Size = (1, 1)) -> Stage:
     """Makes `radiance` of this size from `sample_radiance` of the size `rendered`. With antialiasing=off it copies or
     interpolates it. grid: columns and rows of views.
 
-    Inputs: `sample_radiance`, `specular_radiance`, `reflection_motion`, `depth`, `gbuffer_surface`, `guides_*`,
+    Inputs: `sample_radiance`, `specular_radiance`, `denoise_*`, `depth`, `gbuffer_surface`, `guides_*`,
     `previous_*`. Outputs: `radiance`; for the next frame `taa_history`, `taa_samples`, and in an exposure the mean so
     far, `radiance`.
     """
@@ -43,19 +43,23 @@ def stage(size: Size, rendered: Size, grid: Size = (1, 1)) -> Stage:
     pixels = size[0] * size[1]
     # Each view has cells of its own.
     columns, rows = (count * -(-side // count // CELL_SIZE) for side, count in zip(rendered, grid, strict=True))
-    # An element takes less memory than this history of four pixels, whose frame is over by then; but views of a few
-    # pixels have more cells than that.
+    # Histories of the denoiser that are over by then lend their memory. An element of a cell takes less than four
+    # pixels' there, but views of a few pixels have more cells than that; and upscaled pictures have more pixels.
     cells = columns * rows
-    changes = Aliased("previous_denoise_diffuse", cells) if 4 * cells <= rendered[0] * rendered[1] else cells
+    samples = rendered[0] * rendered[1]
+    changes = Aliased("previous_denoise_diffuse", cells) if 4 * cells <= samples else cells
+    edges = Aliased("previous_denoise_alternate", pixels) if pixels == samples else pixels
     return Stage(
         "taa",
         buffers={
             "taa_history": History(pixels),
             "radiance": pixels,
-            "taa_samples": History(rendered[0] * rendered[1]),
+            "taa_samples": History(samples),
             "taa_changes": changes,
             "taa_confidence": cells,
-            "taa_edges": pixels,
+            "taa_edges": edges,
+            "taa_coverage": 1,
+            "reflection_motion": Aliased("previous_denoise_guides", samples),
         },
         passes=[
             Pass("taa/change", threads=(columns * CELL_SIZE, rows * CELL_SIZE)),
@@ -63,7 +67,7 @@ def stage(size: Size, rendered: Size, grid: Size = (1, 1)) -> Stage:
             Pass("taa/reflections", threads=rendered),
             Pass("taa/find_edges", threads=size),
             Pass("taa/begin_coverage", threads=1),
-            Pass("taa/coverage", indirect="taa_edges"),
+            Pass("taa/coverage", indirect="taa_coverage"),
             Pass("taa/resolve", threads=size),
         ],
     )

@@ -63,7 +63,7 @@ def test_missing_barriers_are_noticed(frames, bound_device):
         numbers = [
             number
             for number, barrier in enumerate(frame._barriers)
-            if barrier is not None and "taa" in frame._accesses[number].name
+            if barrier is not None and "denoise/" in frame._accesses[number].name
         ]
         assert numbers
         for number in numbers:

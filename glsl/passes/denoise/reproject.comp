@@ -7,6 +7,7 @@
 #include "passes/denoise/guide.glsl"
 #include "passes/denoise/lobe_history.glsl"
 #include "passes/denoise/previous_frame.glsl"
+#include "passes/denoise/virtual_motion.glsl"
 
 layout(local_size_x = 8, local_size_y = 8) in;
 
@@ -19,23 +20,6 @@ LobeHistory blend(LobeHistory a, LobeHistory b, float share) {
         mix(a.fast_luminance, b.fast_luminance, share), mix(a.frames, b.frames, share),
         mix(a.inverse_hit_distance, b.inverse_hit_distance, share)
     );
-}
-
-// The mean curvature of the surface along both axes of the picture, in 1/m; positive if convex. An axis along which
-// the neighbor shows another surface, or the same normal, counts as flat.
-float curvature(ivec2 pixel, Guide guide) {
-    float sum = 0.0;
-    for (int i = 0; i < 2; i++) {
-        ivec2 step = i == 0 ? ivec2(1, 0) : ivec2(0, 1);
-        ivec2 other = pixel + (any(greaterThanEqual(pixel + step, ivec2(camera.size))) ? -step : step);
-        if (any(lessThan(other, ivec2(0)))) { continue; }
-        Guide next = make_guide(other);
-        vec3 offset = next.position - guide.position, normal_change = next.normal - guide.normal;
-        bool same = next.kind == guide.kind && dot(normal_change, normal_change) < MAX_CURVED_NORMALS
-            && dot(normal_change, normal_change) > MIN_CURVED_NORMALS;
-        if (same) { sum += 0.5 * dot(normal_change, offset) / dot(offset, offset); }
-    }
-    return sum;
 }
 
 // The history of the specular lobe: by surface motion and by virtual motion (of the virtual image), blended by
@@ -56,16 +40,12 @@ LobeHistory find_specular(ivec2 pixel, Guide guide, PreviousSurface previous, Ta
     surface_history.frames /= 1.0 + square(view_change / (VIEW_TOLERANCE * alpha + MIRROR_VIEW_TOLERANCE));
     float share = 1.0 - smoothstep(VIRTUAL_MOTION_ROUGHNESS, SURFACE_MOTION_ROUGHNESS, guide.roughness_or_albedo);
     if (share == 0.0 || surface_history.inverse_hit_distance == 0.0) { return surface_history; }
-    float cosine = max(-dot(view_direction, guide.normal), 0.1), twice_curvature = 2.0 * curvature(pixel, guide);
-    // The mirror equation: where a curved mirror shows the virtual image.
-    float inverse_distance = surface_history.inverse_hit_distance + twice_curvature / cosine;
-    if (!(inverse_distance > 0.0)) { return surface_history; }
-    vec3 virtual_offset = view_direction / inverse_distance;
-    vec2 virtual_pixel = previous_pixel(guide.position + virtual_offset, previous.position + virtual_offset, pixel);
-    if (guide.roughness_or_albedo < SHARP_REFLECTION) {
-        vec2 motion = virtual_pixel - (vec2(pixel) + 0.5);
-        reflection_motion.at[element_index(pixel, camera.size)] = packHalf2x16(motion);
-    }
+    float twice_curvature = 2.0 * curvature(pixel, guide);
+    vec2 virtual_pixel;
+    bool has_image = find_virtual_pixel(
+        pixel, guide, previous, surface_history.inverse_hit_distance, twice_curvature, virtual_pixel
+    );
+    if (!has_image) { return surface_history; }
     Taps virtual_taps = find_taps(virtual_pixel, previous, guide, MAX_REFLECTION_PLANE_DISTANCE);
     if (virtual_taps.weight == 0.0) { return surface_history; }
     LobeHistory virtual_history = read_specular(virtual_taps);
@@ -120,7 +100,6 @@ void main() {
     Guide guide = make_guide(pixel);
     if (denoise_settings.denoise == 0u) { guide.kind = NOT_DENOISED; }
     bool has_surface = guide.kind != NOT_DENOISED;
-    reflection_motion.at[index] = packHalf2x16(vec2(2.0 * NO_REFLECTION_MOTION));
     denoise_guides.at[index] = has_surface ? pack_guide(guide) : uvec2(0u);
     uint rng = seed_rng(uvec2(pixel), this_frame.index, this_frame.seed ^ PASS_SALT);
     LobeHistory diffuse = NO_HISTORY, specular = NO_HISTORY;

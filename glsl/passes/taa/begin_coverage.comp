@@ -5,7 +5,7 @@
 layout(local_size_x = 1) in;
 
 void main() {
-    taa_edges.listed = taa_edges.found;
-    taa_edges.found = 0u;
-    taa_edges.dispatch = make_indirect_squares(taa_edges.listed, 1u);
+    taa_coverage.listed = taa_coverage.found;
+    taa_coverage.found = 0u;
+    taa_coverage.dispatch = make_indirect_squares(taa_coverage.listed, 1u);
 }

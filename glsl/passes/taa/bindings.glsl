@@ -35,12 +35,12 @@ layout(set = 1, scalar) buffer TaaChangesBlock { SampleChange at[]; } taa_change
 // For each cell the share of the history around it that is still true: passes/taa/confidence.comp.
 layout(set = 1, scalar) buffer TaaConfidenceBlock { float at[]; } taa_confidence;
 
-// The pixels, of all views, that passes/taa/coverage.comp traces camera rays of.
-layout(set = 1, scalar) buffer TaaEdgesBlock {
+// The pixels, of all views, that passes/taa/coverage.comp traces camera rays of, and their number.
+layout(set = 1, scalar) buffer TaaEdgesBlock { uint at[]; } taa_edges;
+layout(set = 1, scalar) buffer TaaCoverageBlock {
     IndirectDispatch dispatch;
     uint listed;
     uint found;  // so far, by passes/taa/find_edges.comp
-    uint at[];
-} taa_edges;
+} taa_coverage;
 
 #endif

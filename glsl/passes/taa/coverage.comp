@@ -68,7 +68,7 @@ void find_samples(ivec2 center, int radius) {
 
 void main() {
     uint thread = thread_index_in_squares(INVOCATION_INDEX), index;
-    if (thread >= taa_edges.listed) { return; }
+    if (thread >= taa_coverage.listed) { return; }
     index = taa_edges.at[thread];
     uvec2 pixel = find_place_of(index, camera.picture_size);
     ivec2 at = ivec2(pixel), center = find_center(at);

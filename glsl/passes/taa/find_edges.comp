@@ -27,5 +27,5 @@ void main() {
         radiance.at[index] = NO_COVERAGE;
         return;
     }
-    taa_edges.at[atomicAdd(taa_edges.found, 1u)] = index;
+    taa_edges.at[atomicAdd(taa_coverage.found, 1u)] = index;
 }

@@ -1,7 +1,7 @@
-// A smooth surface shows two images, which move apart. Keeps the motion of what it reflects, which resolve.comp
-// follows, only where that varies more than all else around a pixel.
+// A smooth surface shows two images, which move apart. Finds how what it reflects moves, which resolve.comp follows,
+// where that varies more than all else around a pixel.
 #version 460
-#include "passes/taa/samples.glsl"
+#include "passes/denoise/virtual_motion.glsl"
 
 layout(local_size_x = 8, local_size_y = 8) in;
 
@@ -12,7 +12,8 @@ bool reflects_most(ivec2 center) {
         ivec2 pixel = center + ivec2(i % 3, i / 3) - 1;
         if (!is_inside(pixel, camera.size)) { continue; }
         uint index = element_index(pixel, camera.size);
-        float specular = luminance(specular_radiance.at[index]), other = luminance(load_sample(pixel)) - specular;
+        float specular = luminance(specular_radiance.at[index]);
+        float other = luminance(sample_radiance.at[index]) - specular;
         reflected += specular;
         others += other;
         reflected_squares += specular * specular;
@@ -22,13 +23,28 @@ bool reflects_most(ivec2 center) {
     return reflected_squares - square(reflected) / count > other_squares - square(others) / count;
 }
 
+// Returns false where no reflection is followed.
+bool find_reflection_motion(ivec2 pixel, uint index, out vec2 motion) {
+    // Each point of the lens sees a reflection elsewhere.
+    if (this_frame.has_history == 0u || camera.lens_radius > 0.0) { return false; }
+    Guide guide = load_guide(pixel);
+    if (guide.kind != PRIMARY_SURFACE || !(guide.roughness_or_albedo < SHARP_REFLECTION)) { return false; }
+    float inverse_hit_distance = unpack_lobe_history(denoise_specular.at[index]).inverse_hit_distance;
+    PreviousSurface previous = find_previous_surface(pixel, guide);
+    bool moved = length(normalize(guide.position) - normalize(previous.position)) >= 1e-6;
+    if (!moved || inverse_hit_distance == 0.0 || !reflects_most(pixel)) { return false; }
+    float twice_curvature = 2.0 * curvature(pixel, guide);
+    vec2 before;
+    bool found = find_virtual_pixel(pixel, guide, previous, inverse_hit_distance, twice_curvature, before);
+    motion = before - (vec2(pixel) + 0.5);
+    return found;
+}
+
 void main() {
     uvec2 pixel = gl_GlobalInvocationID.xy;
     uint index;
     if (!find_pixel(pixel, index)) { return; }
-    if (!(unpackHalf2x16(reflection_motion.at[index]).x < NO_REFLECTION_MOTION)) { return; }
-    // Each point of the lens sees a reflection elsewhere.
-    if (camera.lens_radius > 0.0 || !reflects_most(ivec2(pixel))) {
-        reflection_motion.at[index] = packHalf2x16(vec2(2.0 * NO_REFLECTION_MOTION));
-    }
+    vec2 motion;
+    bool found = find_reflection_motion(ivec2(pixel), index, motion);
+    reflection_motion.at[index] = packHalf2x16(found ? motion : vec2(2.0 * NO_REFLECTION_MOTION));
 }
