@@ -79,7 +79,7 @@ test_a_seeded_bug_is_noticed = bug_tests(
         ),
         "the picture moves like the surface": (
             lambda device: test_reflections_follow(device, 0.0, 0.0, hall),
-            Bug("passes/taa/reflections.comp", "reflects_most", "return false;"),
+            Bug("passes/denoise/reflection_motion.comp", "reflects_most", "return false;"),
         ),
         "infinity counts as unknown": (
             lambda device: test_reflections_follow(device, 0.0, 0.1, open_hall),

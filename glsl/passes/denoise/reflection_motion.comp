@@ -1,5 +1,5 @@
-// A smooth surface shows two images, which move apart. Finds how what it reflects moves, which resolve.comp follows,
-// where that varies more than all else around a pixel.
+// A smooth surface shows two images, which move apart. Finds how what it reflects moves, where that varies more than
+// all else around a pixel: taa/resolve.comp follows it there.
 #version 460
 #include "passes/denoise/virtual_motion.glsl"
 
