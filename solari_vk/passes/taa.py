@@ -43,8 +43,8 @@ def stage(size: Size, rendered: Size, grid: Size = (1, 1)) -> Stage:
     pixels = size[0] * size[1]
     # Each view has cells of its own.
     columns, rows = (count * -(-side // count // CELL_SIZE) for side, count in zip(rendered, grid, strict=True))
-    # Histories of the denoiser that are over by then lend their memory. An element of a cell takes less than four
-    # pixels' there, but views of a few pixels have more cells than that; and upscaled pictures have more pixels.
+    # The denoiser's histories of the previous frame have been read by then, and lend their memory. A cell takes less
+    # than the history of four pixels; but views of a few pixels have more cells, and upscaled pictures more pixels.
     cells = columns * rows
     samples = rendered[0] * rendered[1]
     changes = Aliased("previous_denoise_diffuse", cells) if 4 * cells <= samples else cells

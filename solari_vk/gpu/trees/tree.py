@@ -43,15 +43,15 @@ MAX_GROUPS = 65535  # of one dispatch, on any device
 LEFT_HALVINGS = 6  # a workgroup has a thread for each of these clusters
 STAGE_HALVINGS = 5
 IMPROVING_STAGES = 1 << 30
-WRITING_STEP = 5  # the last one
+WRITING_STEP = 5  # of reinsertion.glsl, the last one
 # Trees over more instances aren't improved, since a step would take more than a millisecond.
 MAX_IMPROVED = 1 << 15
-# So often trees over triangles that stay are improved when they are built; large ones less often, so that all rounds
-# together improve no more than so many triangles, for each of which a processor takes 4 microseconds.
+# Rounds of reinsertion when trees over triangles that stay are built. Large trees get fewer: rounds times triangles are
+# at most MOST_IMPROVED. A processor takes 4 microseconds for a triangle in a round.
 IMPROVING_ROUNDS = 12
 MOST_IMPROVED = 1 << 22
 MOST_IMPROVED_BY_CPU = 1 << 16
-# Smaller trees are as good as they get.
+# Trees over fewer triangles aren't improved: that gained nothing.
 FEWEST_IMPROVED = 1 << 9
 SORTING_STAGES = 1 << 31
 SORTING_STEPS = 30  # the stage of this number stands for all of a small tree
