@@ -17,7 +17,7 @@ FOLLOWED = Rule("light that changes everywhere is followed in few frames")
 NOISE = Rule("noise of samples becomes less with the square root of their number")
 BLENDED = Rule("blended surfaces in motion show their alpha, with little noise")
 NOT_FINITE = Rule("samples that aren't finite change no pixel")
-PASSES = ("gbuffer/", "guides/", "taa/")
+PASSES = ("gbuffer/", "guides/", "denoise/reflection_motion", "taa/")
 SETTLED = 96  # frames: three times all positions in a pixel
 SAMPLES = "passes/taa/samples.glsl"
 # `at` is the sample's position in pixels of the picture, `noise` has the mean 1 and the deviation 0.577.
