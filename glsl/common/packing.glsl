@@ -33,6 +33,14 @@ float unpack_positive(uint bits, uint bit_count) {
     return uintBitsToFloat((bits & ((1u << bit_count) - 1u)) << (31u - bit_count));
 }
 
+// Two positive floats in 16 bits each.
+uint pack_two(float low, float high, inout uint rng) {
+    uint random = rand_u(rng);
+    uvec2 bits = floatBitsToUint(clamp(vec2(low, high), 0.0, LARGEST_PACKED)) + (uvec2(random,
+        random >> 16u) & 0x7FFFu);
+    return bits.x >> 15u | bits.y >> 15u << 16u;
+}
+
 // ---- colors ------------------------------------------------------------------------------------------
 
 // Eight bits a channel with a shared exponent (RGBE), that of the largest channel, which is scaled to between 127.5 and

@@ -36,7 +36,7 @@ def stage(size: Size, rendered: Size, grid: Size = (1, 1)) -> Stage:
     interpolates it. grid: columns and rows of views.
 
     Inputs: `sample_radiance`, `specular_radiance`, `denoise_*`, `depth`, `gbuffer_surface`, `guides_*`,
-    `previous_*`. Outputs: `radiance`; for the next frame `taa_history`, `taa_samples`, and in an exposure the mean so
+    `previous_*`. Outputs: `radiance`; for the next frame `taa_history`, `taa_samples`, `taa_strata`, and in an exposure the mean so
     far, `radiance`.
     """
     # Yang et al., "A Survey of Temporal Antialiasing Techniques" (2020).
@@ -60,6 +60,7 @@ def stage(size: Size, rendered: Size, grid: Size = (1, 1)) -> Stage:
             "taa_edges": edges,
             "taa_coverage": 1,
             "reflection_motion": Aliased("previous_denoise_guides", samples),
+            "taa_strata": pixels,
         },
         passes=[
             Pass("taa/change", threads=(columns * CELL_SIZE, rows * CELL_SIZE)),

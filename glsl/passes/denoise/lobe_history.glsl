@@ -24,14 +24,6 @@ float effective_frames(LobeHistory lobe) {
 
 // ---- packing ----------------------------------------------------------------------------------------
 
-// Two positive floats in 16 bits each.
-uint pack_two(float low, float high, inout uint rng) {
-    uint random = rand_u(rng);
-    uvec2 bits = floatBitsToUint(clamp(vec2(low, high), 0.0, LARGEST_PACKED)) + (uvec2(random,
-        random >> 16u) & 0x7FFFu);
-    return bits.x >> 15u | bits.y >> 15u << 16u;
-}
-
 uvec4 pack_lobe_history(LobeHistory lobe, inout uint rng) {
     uint red = pack_positive(lobe.radiance.r, 21u, rng), green = pack_positive(lobe.radiance.g, 21u, rng);
     uint blue = pack_positive(lobe.radiance.b, 21u, rng);

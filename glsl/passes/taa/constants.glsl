@@ -13,6 +13,7 @@ const float MIN_NORMAL_COSINE = 0.9;
 const float INTERPOLATED = 0.125;    // weight of an interpolated sample
 const float UNEXPOSED = 1e-6;        // the same of one at whose time the shutter is closed
 const float ENOUGH = 8.0;            // samples that need no interpolated ones beside them, nor softening at rest
+const float MIN_STRATIFIED = 0.5;    // share of a pixel's samples from which strata tell its picture
 
 const float JUMP = 0.0625;           // from frame to frame, in heights of the picture
 

@@ -5,6 +5,7 @@
 #include "common/pixel.glsl"
 #include "generated/passes/taa.glsl"  // CELL_SIZE
 #include "passes/taa/history.glsl"
+#include "passes/taa/strata.glsl"
 
 layout(local_size_x = 8, local_size_y = 8) in;
 
@@ -42,6 +43,19 @@ bool is_exposed(uint row) {
     return !in_exposure() || row >= this_frame.exposed_rows.x && row < this_frame.exposed_rows.y;
 }
 
+// Adds a sample to the strata of a pixel, and replaces the picture by their mean where they hold enough of its samples.
+// goes_on: whether the pixel was at rest, and none of its history was given up.
+void stratify(
+    uint index, ivec2 center, NearestSample found, bool goes_on, inout HistorySample history, inout uint rng
+) {
+    Strata strata = NO_STRATA;
+    if (goes_on) { strata = load_strata(index); }
+    if (found.exists && is_finite_color(found.radiance)) { add_sample(strata, surface_code(center), found.radiance); }
+    store_strata(index, strata, rng);
+    float count = sample_count(strata);
+    if (count >= ENOUGH && count >= MIN_STRATIFIED * history.weight) { history.radiance = mean_of(strata); }
+}
+
 void main() {
     uvec2 pixel = gl_GlobalInvocationID.xy;
     uint index;
@@ -56,12 +70,15 @@ void main() {
     Neighborhood around = find_neighborhood(at);
     bool anew = !in_exposure() && begins_anew(around.center);
     HistorySample history = anew ? NO_HISTORY_SAMPLE : find_history(at, around);
+    float known = history.weight;
     if (!in_exposure()) {  // the picture of an exposure is that of all times
         uvec2 cells = (camera.size + CELL_SIZE - 1u) / CELL_SIZE;
         if (SCENE_ALPHA && this_frame.expected_change > 0.0 && has_new_opacity(around.center)) { history.weight = 0.0; }
         history.weight *= taa_confidence.at[element_index(uvec2(around.center) / CELL_SIZE, cells)];
     }
     if (history.weight > 0.0) { history = limited(history, around); }
+    bool goes_on = known > 0.0 && history.weight >= known && !in_exposure() && is_still(around.center);
+    NearestSample own = found;
 
     // What several camera rays show tells more than one sample with its neighbors.
     vec3 covered = needs_coverage(around.center) ? radiance.at[index] : NO_COVERAGE;
@@ -98,7 +115,9 @@ void main() {
         }
         history = HistorySample(mix(history.radiance, found.radiance, share), total, history.blended);
     }
-    radiance.at[index] = history.radiance;
     uint rng = seed_rng(uvec2(at), this_frame.index, this_frame.seed ^ PASS_SALT);
+    // Upscaled pictures have pixels without a sample.
+    if (camera.size == camera.picture_size) { stratify(index, around.center, own, goes_on, history, rng); }
+    radiance.at[index] = history.radiance;
     taa_history.at[index] = in_exposure() ? uvec2(floatBitsToUint(history.weight), 0u) : pack_history(history, rng);
 }
