@@ -60,7 +60,7 @@ def stage(size: Size, rendered: Size, grid: Size = (1, 1)) -> Stage:
             "taa_edges": edges,
             "taa_coverage": 1,
             "reflection_motion": Aliased("previous_denoise_guides", samples),
-            "taa_strata": pixels,
+            "taa_strata": pixels if size == rendered else 1,  # upscaled pictures have none
         },
         passes=[
             Pass("taa/change", threads=(columns * CELL_SIZE, rows * CELL_SIZE)),

@@ -13,6 +13,9 @@ layout(set = 1, scalar) buffer PreviousTaaHistoryBlock { uvec2 at[]; } previous_
 layout(set = 1, scalar) buffer TaaSamplesBlock { uint at[]; } taa_samples;
 layout(set = 1, scalar) buffer PreviousTaaSamplesBlock { uint at[]; } previous_taa_samples;
 
+// Packed by passes/taa/strata.glsl. No history, as it is for pixels at rest alone.
+layout(set = 1, scalar) buffer TaaStrataBlock { uvec4 at[]; } taa_strata;
+
 // How the samples of a cell of CELL_SIZE x CELL_SIZE rendered pixels differ from those of the previous frame at the
 // same surfaces: passes/taa/change.comp.
 struct SampleChange {

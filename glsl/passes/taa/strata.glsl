@@ -5,10 +5,9 @@
 #ifndef PASSES_TAA_STRATA_GLSL
 #define PASSES_TAA_STRATA_GLSL
 
-#extension GL_EXT_scalar_block_layout : require
-
 #include "common/hash.glsl"
 #include "common/packing.glsl"
+#include "passes/taa/bindings.glsl"
 #include "passes/taa/samples.glsl"
 
 struct Strata {
@@ -20,10 +19,8 @@ struct Strata {
 
 const Strata NO_STRATA = Strata(vec3(0.0), vec3(0.0), vec2(0.0), 0u);
 
-// Both means, 16 bits a channel; the counts in units of 1 / COUNT_SCALE, 8 bits each; the surface. No history, as it is
-// for pixels at rest alone.
-layout(set = 1, scalar) buffer TaaStrataBlock { uvec4 at[]; } taa_strata;
-
+// How taa_strata has them: both means, 16 bits a channel; the counts in units of 1 / COUNT_SCALE, 8 bits each; the
+// surface.
 const float COUNT_SCALE = 4.0;
 const uint INSTANCE_BITS = 6u, NORMAL_BITS = 5u;  // of a surface code, the latter for each of two coordinates
 
