@@ -15,6 +15,9 @@ const float UNEXPOSED = 1e-6;        // the same of one at whose time the shutte
 const float ENOUGH = 8.0;            // samples that need no interpolated ones beside them, nor softening at rest
 const float MIN_STRATIFIED = 0.5;    // share of a pixel's samples from which strata tell its picture
 
+const float COVERED = 32.0;          // samples up to which rays tell what covers a pixel at rest
+const float CLEAR_DIFFERENCE = 0.5;  // of the luminances of two strata, over their sum
+
 const float JUMP = 0.0625;           // from frame to frame, in heights of the picture
 
 // ---- the history ----------------------------------------------------------------------------------------

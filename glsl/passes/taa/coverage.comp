@@ -1,14 +1,16 @@
-// The pixels that find_edges.comp has listed: the mean light of what several camera rays through the pixel show, each
-// of which takes its light from the nearest sample of the surface that it hits. Chajdas, McGuire and Luebke, "Subpixel
+// The pixels that find_edges.comp has listed: what several camera rays through each of them show. At rest it is what
+// share of them shows the first stratum. Where a mean begins, and behind blended surfaces in motion, it is their mean
+// light too, each taking that of the nearest sample of the surface that it hits: Chajdas, McGuire and Luebke, "Subpixel
 // Reconstruction Antialiasing for Deferred Shading" (2011), with rays in place of finer depths.
 #version 460
 #include "common/random.glsl"
 #include "passes/taa/history.glsl"
+#include "passes/taa/strata.glsl"
 #include "scene/trace.glsl"
 
 layout(local_size_x = 8, local_size_y = 8) in;
 
-const uint RAYS = 8u, PASS_SALT = 0x1F83D9ABu;
+const uint RAYS = 8u, PASS_SALT = 0x1F83D9ABu, PACKING_SALT = 0x5BE0CD19u;
 const int FAR = 3;  // in pixels
 const float PLANE_DISTANCE_WEIGHT = 16.0;  // of a hit's distance from a sample's plane; that in the picture counts 1
 
@@ -23,12 +25,42 @@ struct CoverageRay {
     vec2 where;     // among the samples
     vec3 position;
     uint instance;
+    uint surface;   // its surface_code
     float width;    // of the ray there, in meters
     float nearest;  // distance of the sample; INFINITY without one
     vec3 light;
 };
 
 CoverageRay rays[RAYS];
+
+vec3 normal_at(Hit hit, vec3 direction) {
+    if (hit.instance == NO_INDEX) { return vec3(0.0); }
+    Instance instance = instances.at[hit.instance];
+    Mesh mesh = meshes.at[instance.ray_mesh];
+    vec3 front = resolve_triangle(instance, mesh, hit.triangle, hit.barycentrics).geometric_world_normal;
+    return dot(front, direction) > 0.0 ? -front : front;
+}
+
+void trace_rays(uvec2 pixel) {
+    // The points of later frames lie between those of earlier ones.
+    uint rng = seed_rng(pixel, 0u, this_frame.seed ^ PASS_SALT), first = RAYS * (this_frame.index & 0xFFu);
+    vec2 shift = rand_vec2f(rng);
+    rng = seed_rng(pixel, this_frame.index, this_frame.seed ^ PASS_SALT);
+    uint place = rand_u(rng);
+    for (uint i = 0u; i < RAYS; i++) {
+        // Roberts, "The Unreasonable Effectiveness of Quasirandom Sequences" (2018).
+        vec2 within = fract(shift + float(first + i) * vec2(0.7548776662, 0.5698402910));
+        vec2 where = among_samples(vec2(pixel) + within);
+        CameraRay ray = make_camera_ray(where + 0.5);
+        uvec2 alpha_seed = uvec2(place, i);  // the samples of a place meet layers in proportion to their alpha
+        Hit hit = trace_closest_hit(ray.origin, ray.t_min, ray.direction, INFINITY, TRACE_FRONT_FACES, alpha_seed);
+        uint surface = surface_code(hit.instance, normal_at(hit, ray.direction));
+        rays[i] = CoverageRay(
+            where, ray.origin + ray.direction * hit.t, hit.instance, surface,
+            ray.cone_width + ray.cone_spread * hit.t, INFINITY, vec3(0.0)
+        );
+    }
+}
 
 // For the rays without a light: looks for it among the samples up to `radius` pixels away. Each sample is loaded once.
 void find_samples(ivec2 center, int radius) {
@@ -66,36 +98,50 @@ void find_samples(ivec2 center, int radius) {
     }
 }
 
-void main() {
-    uint thread = thread_index_in_squares(INVOCATION_INDEX), index;
-    if (thread >= taa_coverage.listed) { return; }
-    index = taa_edges.at[thread];
-    uvec2 pixel = find_place_of(index, camera.picture_size);
-    ivec2 at = ivec2(pixel), center = find_center(at);
-    uint rng = seed_rng(pixel, this_frame.index, this_frame.seed ^ PASS_SALT);
-    vec2 shift = rand_vec2f(rng);
-    uint place = rand_u(rng);
-    for (uint i = 0u; i < RAYS; i++) {
-        // Roberts, "The Unreasonable Effectiveness of Quasirandom Sequences" (2018).
-        vec2 within = fract(shift + float(i) * vec2(0.7548776662, 0.5698402910));
-        vec2 where = among_samples(vec2(at) + within);
-        CameraRay ray = make_camera_ray(where + 0.5);
-        uvec2 alpha_seed = uvec2(place, i);  // the samples of a place meet layers in proportion to their alpha
-        Hit hit = trace_closest_hit(ray.origin, ray.t_min, ray.direction, INFINITY, TRACE_FRONT_FACES, alpha_seed);
-        rays[i] = CoverageRay(
-            where, ray.origin + ray.direction * hit.t, hit.instance, ray.cone_width + ray.cone_spread * hit.t,
-            INFINITY, vec3(0.0)
-        );
-    }
-    find_samples(center, 1);
-    // Few samples show a surface behind one of high opacity, or one of low opacity.
-    if (SCENE_BLEND) { find_samples(center, FAR); }
+float share_of(uint surface) {
+    float found = 0.0;
+    for (uint i = 0u; i < RAYS; i++) { found += float(is_same_surface(rays[i].surface, surface)); }
+    return found / float(RAYS);
+}
+
+// The mean light of the rays, NO_COVERAGE if no sample tells any, and a guess of the second stratum's.
+vec3 mean_light(inout Strata strata) {
     vec3 sum = vec3(0.0);
-    float count = 0.0;
+    float count = 0.0, others = 0.0;
     for (uint i = 0u; i < RAYS; i++) {
         if (rays[i].nearest == INFINITY) { continue; }
         sum += rays[i].light;
         count += 1.0;
+        if (is_same_surface(rays[i].surface, strata.surface)) { continue; }
+        strata.rest += rays[i].light;
+        others += 1.0;
     }
-    radiance.at[index] = count > 0.0 ? sum / count : NO_COVERAGE;
+    if (others > 0.0) {
+        strata.rest /= others;
+        strata.counts.y = GUESSED;
+    }
+    return count > 0.0 ? sum / count : NO_COVERAGE;
+}
+
+void main() {
+    uint thread = thread_index_in_squares(INVOCATION_INDEX);
+    if (thread >= taa_coverage.listed) { return; }
+    uint index = taa_edges.at[thread];
+    uvec2 pixel = find_place_of(index, camera.picture_size);
+    ivec2 center = find_center(ivec2(pixel));
+    bool begins = needs_coverage(center);
+    Strata strata = NO_STRATA;
+    if (!begins) { strata = load_strata(index); }
+    if (sample_count(strata) == 0.0) { strata.surface = surface_code(center); }
+
+    trace_rays(pixel);
+    add_share(strata, share_of(strata.surface));
+    if (begins) {
+        find_samples(center, 1);
+        // Few samples show a surface behind one of high opacity, or one of low opacity.
+        if (SCENE_BLEND) { find_samples(center, FAR); }
+        radiance.at[index] = mean_light(strata);
+    }
+    uint rng = seed_rng(pixel, this_frame.index, this_frame.seed ^ PACKING_SALT);
+    if (has_strata()) { store_strata(index, strata, rng); }
 }

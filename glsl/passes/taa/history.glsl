@@ -150,7 +150,7 @@ bool is_blended(ivec2 center) {
 bool blends_in_motion(ivec2 center) { return SCENE_BLEND && is_blended(center) && !is_still(center); }
 
 // Whether one sample tells little of what a pixel shows, and the mean over frames is short. coverage.comp then writes
-// the light of several camera rays to `radiance`, or NO_COVERAGE.
+// the light of several camera rays to `radiance` where there is an edge, and find_edges.comp NO_COVERAGE elsewhere.
 const vec3 NO_COVERAGE = vec3(-1.0);
 bool needs_coverage(ivec2 center) { return !in_exposure() && (begins_anew(center) || blends_in_motion(center)); }
 

@@ -43,8 +43,8 @@ bool is_exposed(uint row) {
     return !in_exposure() || row >= this_frame.exposed_rows.x && row < this_frame.exposed_rows.y;
 }
 
-// Adds a sample to the strata of a pixel, and replaces the picture by their mean where they hold enough of its samples.
-// goes_on: whether the pixel was at rest, and none of its history was given up.
+// Adds a sample to the strata of a pixel, and replaces the picture by their mean where that is better.
+// goes_on: whether they hold: the pixel was at rest and none of its history was given up, or coverage.comp began them.
 void stratify(
     uint index, ivec2 center, NearestSample found, bool goes_on, inout HistorySample history, inout uint rng
 ) {
@@ -53,7 +53,9 @@ void stratify(
     if (found.exists && is_finite_color(found.radiance)) { add_sample(strata, surface_code(center), found.radiance); }
     store_strata(index, strata, rng);
     float count = sample_count(strata);
-    if (count >= ENOUGH && count >= MIN_STRATIFIED * history.weight) { history.radiance = mean_of(strata); }
+    if (count >= samples_needed(strata) && count >= MIN_STRATIFIED * history.weight) {
+        history.radiance = mean_of(strata);
+    }
 }
 
 void main() {
@@ -116,8 +118,7 @@ void main() {
         history = HistorySample(mix(history.radiance, found.radiance, share), total, history.blended);
     }
     uint rng = seed_rng(uvec2(at), this_frame.index, this_frame.seed ^ PASS_SALT);
-    // Upscaled pictures have pixels without a sample.
-    if (camera.size == camera.picture_size) { stratify(index, around.center, own, goes_on, history, rng); }
+    if (has_strata()) { stratify(index, around.center, own, goes_on || covered != NO_COVERAGE, history, rng); }
     radiance.at[index] = history.radiance;
     taa_history.at[index] = in_exposure() ? uvec2(floatBitsToUint(history.weight), 0u) : pack_history(history, rng);
 }
