@@ -41,7 +41,8 @@ def stage(
     skips_pixels: whether pixels may have no path in a frame; their histories stay as they are. block_width: that of
     blocks of pixels that take their paths by turns.
 
-    `denoise_ping` and `denoise_pong` alias the memory of the previous histories, which only `denoise/reproject` reads.
+    `denoise_ping` and `denoise_pong` alias the memory of the previous histories, which only `denoise/reproject` reads;
+    later stages alias others of them.
     Other stages ask glsl/passes/denoise/api.glsl for the result.
     Inputs: `paths_diffuse`, `paths_specular`, `guides_*_albedo`, and the history: `denoise_*`.
     Outputs: `denoise_diffuse`, `denoise_specular`, `denoise_alternate`; for this frame `denoise_pong`,
@@ -74,6 +75,20 @@ def stage(
             ),
             *(Pass("denoise/blur", threads=size, constants={"level": level}) for level in range(LEVELS)),
         ],
+    )
+
+
+def reflections_stage(size: tuple[int, int]) -> Stage:
+    """Finds how what smooth surfaces reflect moves, for antialiasing.
+
+    Inputs: `sample_radiance`, `specular_radiance`, `denoise_guides`, `denoise_specular`, `gbuffer_surface`, `guides_*`.
+    Outputs: `reflection_motion`.
+    """
+    pixels = size[0] * size[1]
+    return Stage(
+        "reflections",
+        buffers={"reflection_motion": Aliased("previous_denoise_guides", pixels)},
+        passes=[Pass("denoise/reflection_motion", threads=size)],
     )
 
 

@@ -18,7 +18,7 @@ def stages(
     has_absorption: bool = False,
     apart_bytes: int = 0,
 ) -> list[Stage]:
-    """The stages that compute and denoise the light of a frame, in order; the last one adds it up. grid: columns and
+    """The stages that compute and denoise the light of a frame, in order, and add it up. grid: columns and
     rows of views, which show so many worlds. has_absorption: whether solids in them absorb light.
     apart_bytes: what `paths.apart_bytes` has returned."""
     scratch: Mapping[str, str] = {}
@@ -37,6 +37,7 @@ def stages(
         *light,
         denoise.stage(size, grid, skips_pixels, paths.block_width(settings)),
         display.compose_stage(size, settings, scratch),
+        denoise.reflections_stage(size),
     ]
 
 

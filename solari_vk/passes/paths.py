@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Any
 
-from solari_vk.gpu.frame.stages import IfUsed, Pass, Stage
+from solari_vk.gpu.frame.stages import Counter, IfUsed, Pass, Stage
 from solari_vk.gpu.shaders.headers import constants
 from solari_vk.passes.rows import GROUP_SIZE
 from solari_vk.settings import Settings
@@ -62,7 +62,7 @@ def stage(size: tuple[int, int], settings: Settings, views: int, traces_apart: b
         "paths_wave": 1,
         # Lists of pixels. Shaders that don't read them declare them all the same, so they have one element then.
         "paths_short_histories": pixels if max_samples > 1 else 1,
-        "paths_chosen": pixels if chooses_pixels else 1,
+        "paths_chosen": Counter(pixels if chooses_pixels else 1),
         "paths_reservoir_candidates": pixels if settings.restir else 1,
         "paths_rays": RAYS_QUADS * pixels if traces_apart else 1,
     }

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from solari_vk.gpu.frame.stages import Aliased, History, Pass, Stage
+from solari_vk.gpu.frame.stages import Aliased, Counter, History, Pass, Stage
 from solari_vk.gpu.shaders.headers import constants
 from solari_vk.passes.paths import is_sparse
 from solari_vk.settings import Settings
@@ -35,8 +35,8 @@ def stage(size: Size, rendered: Size, grid: Size = (1, 1)) -> Stage:
     """Makes `radiance` of this size from `sample_radiance` of the size `rendered`. With antialiasing=off it copies or
     interpolates it. grid: columns and rows of views.
 
-    Inputs: `sample_radiance`, `specular_radiance`, `denoise_*`, `depth`, `gbuffer_surface`, `guides_*`,
-    `previous_*`. Outputs: `radiance`; for the next frame `taa_history`, `taa_samples`, `taa_strata`, and in an exposure the mean so
+    Inputs: `sample_radiance`, `reflection_motion`, `depth`, `gbuffer_surface`, `guides_*`, `previous_*`.
+    Outputs: `radiance`; for the next frame `taa_history`, `taa_samples`, `taa_strata`, and in an exposure the mean so
     far, `radiance`.
     """
     # Yang et al., "A Survey of Temporal Antialiasing Techniques" (2020).
@@ -58,14 +58,12 @@ def stage(size: Size, rendered: Size, grid: Size = (1, 1)) -> Stage:
             "taa_changes": changes,
             "taa_confidence": cells,
             "taa_edges": edges,
-            "taa_coverage": 1,
-            "reflection_motion": Aliased("previous_denoise_guides", samples),
+            "taa_coverage": Counter(1),
             "taa_strata": pixels if size == rendered else 1,  # upscaled pictures have none
         },
         passes=[
             Pass("taa/change", threads=(columns * CELL_SIZE, rows * CELL_SIZE)),
             Pass("taa/confidence", threads=(columns, rows)),
-            Pass("denoise/reflection_motion", threads=rendered),
             Pass("taa/find_edges", threads=size),
             Pass("taa/begin_coverage", threads=1),
             Pass("taa/coverage", indirect="taa_coverage"),

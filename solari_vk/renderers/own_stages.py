@@ -9,7 +9,7 @@ from typing import Any
 
 from solari_vk.base.errors import SolariError, quoted, unknown_name
 from solari_vk.gpu.frame.frame import Frame
-from solari_vk.gpu.frame.stages import Aliased, History, IfUsed, Pass, Size, Stage
+from solari_vk.gpu.frame.stages import Aliased, Counter, History, IfUsed, Pass, Size, Stage
 
 AnyStage = Stage | Callable[[Size], Stage]
 _SHADER = "display/own_view"
@@ -115,7 +115,7 @@ def made_stage(who: str, given: Any, size: Size) -> Stage:
 def _plain(size: Any) -> Any:
     if isinstance(size, Aliased):
         return size.count
-    return size.size if isinstance(size, History | IfUsed) else size
+    return size.size if isinstance(size, History | IfUsed | Counter) else size
 
 
 def _pair(size: Any) -> tuple[Any, ...]:

@@ -13,7 +13,7 @@ from solari_vk.gpu.device import raw
 from solari_vk.gpu.device.commands import Recorded
 from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.frame import slot
-from solari_vk.gpu.frame.frame import Aliased, Frame, History, IfUsed, Pass, Stage, Step
+from solari_vk.gpu.frame.frame import Aliased, Counter, Frame, History, IfUsed, Pass, Stage, Step
 from solari_vk.gpu.frame.in_parts import Interrupted
 from solari_vk.gpu.shaders.compiler import CompilationError
 
@@ -227,6 +227,18 @@ def test_a_frame_in_parts_is_the_same_and_can_be_given_up(device, root, shaders,
         frame.between = None
         frame.submit()
         assert frame["b"][-1] > 2 * whole[-1]
+
+
+def test_a_frame_that_is_given_up_leaves_counters_at_zero(device, root, shaders):
+    shaders.write("count", START + "void main() { atomicAdd(a.at[0], 1u); atomicAdd(b.at[0], 1u); }\n")
+    shaders.write("end", START + "void main() { a.at[0] = b.at[0] = 0u; }\n")
+    stage = Stage("x", buffers={"a": Counter(1), "b": 1}, passes=[Pass("count", threads=1), Pass("end", threads=1)])
+    with Frame(device, [stage], glsl_root=root) as frame:
+        frame.between = lambda: True
+        with pytest.raises(Interrupted):
+            frame.submit()
+        device.submit([])  # what fills them runs before it
+        assert (frame["a"][0], frame["b"][0]) == (0, 64)
 
 
 def test_a_step_that_takes_long_leaves_time_for_something_else(device, root, shaders, monkeypatch):

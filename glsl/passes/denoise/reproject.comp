@@ -27,17 +27,15 @@ LobeHistory blend(LobeHistory a, LobeHistory b, float share) {
 LobeHistory find_specular(ivec2 pixel, Guide guide, PreviousSurface previous, Taps surface_taps) {
     LobeHistory surface_history = read_specular(surface_taps);
     if (guide.kind != PRIMARY_SURFACE) { return surface_history; }
-    vec3 view_direction = normalize(guide.position);
-    vec3 previous_view_direction = normalize(previous.position);
     float alpha = guide.roughness_or_albedo * guide.roughness_or_albedo;
     // Pixels whose normals differ, as they do where the surface is curved, reflected light from another direction.
     float normal_deviation = surface_taps.normal_deviation / surface_taps.weight;
     surface_history.frames /= 1.0 + square(normal_deviation / (LOBE_NORMAL_TOLERANCE * max(alpha, MIN_LOBE_ALPHA)));
-    float view_change = length(view_direction - previous_view_direction);
-    if (view_change < 1e-6) { return surface_history; }
+    float turned = view_change(guide, previous);
+    if (turned < MIN_VIEW_CHANGE) { return surface_history; }
 
     // Light moved by surface motion stays valid for angles within the lobe.
-    surface_history.frames /= 1.0 + square(view_change / (VIEW_TOLERANCE * alpha + MIRROR_VIEW_TOLERANCE));
+    surface_history.frames /= 1.0 + square(turned / (VIEW_TOLERANCE * alpha + MIRROR_VIEW_TOLERANCE));
     float share = 1.0 - smoothstep(VIRTUAL_MOTION_ROUGHNESS, SURFACE_MOTION_ROUGHNESS, guide.roughness_or_albedo);
     if (share == 0.0 || surface_history.inverse_hit_distance == 0.0) { return surface_history; }
     float twice_curvature = 2.0 * curvature(pixel, guide);

@@ -4,6 +4,18 @@
 
 #include "passes/denoise/previous_frame.glsl"
 
+const float MIN_VIEW_CHANGE = 1e-6;
+
+// The direction from a camera to a position relative to it.
+vec3 view_direction(vec3 position, Camera from) {
+    return is_orthographic(from) ? -from.world_from_view[2] : normalize(position);
+}
+
+// How much the direction has changed from which a surface is seen; below MIN_VIEW_CHANGE it is rounding.
+float view_change(Guide guide, PreviousSurface previous) {
+    return length(view_direction(guide.position, camera) - view_direction(previous.position, previous_camera));
+}
+
 // The mean curvature of the surface along both axes of the picture, in 1/m; positive if convex. An axis along which
 // the neighbor shows another surface, or the same normal, counts as flat.
 float curvature(ivec2 pixel, Guide guide) {
@@ -27,12 +39,12 @@ bool find_virtual_pixel(
     ivec2 pixel, Guide guide, PreviousSurface previous, float inverse_hit_distance, float twice_curvature,
     out vec2 virtual_pixel
 ) {
-    vec3 view_direction = normalize(guide.position);
-    float cosine = max(-dot(view_direction, guide.normal), 0.1);
+    vec3 direction = view_direction(guide.position, camera);
+    float cosine = max(-dot(direction, guide.normal), 0.1);
     // The mirror equation: where a curved mirror shows the virtual image.
     float inverse_distance = inverse_hit_distance + twice_curvature / cosine;
     if (!(inverse_distance > 0.0)) { return false; }
-    vec3 virtual_offset = view_direction / inverse_distance;
+    vec3 virtual_offset = direction / inverse_distance;
     virtual_pixel = previous_pixel(guide.position + virtual_offset, previous.position + virtual_offset, pixel);
     return true;
 }

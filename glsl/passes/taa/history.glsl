@@ -174,11 +174,12 @@ bool has_new_opacity(ivec2 center) {
 }
 
 // The motion in pixels of the picture of what is seen around a pixel: of its nearest surface, or of what a smooth one
-// reflects.
+// reflects that the pixel shows, away from edges of what is before it.
 vec2 seen_motion(Neighborhood around) {
     vec2 motion = motion_in_picture(around.nearest);
     vec2 reflected = unpackHalf2x16(reflection_motion.at[element_index(around.center, camera.size)]);
-    bool follows = reflected.x < NO_REFLECTION_MOTION && !is_still(around.center);
+    bool follows = reflected.x < NO_REFLECTION_MOTION && show_the_same(around.center, around.nearest)
+        && !is_still(around.center);
     return follows ? reflected / render_scale() : motion;
 }
 

@@ -32,13 +32,25 @@ from solari_vk.gpu.frame.in_parts import InParts
 from solari_vk.gpu.frame.program import Program, ProgramBuilder
 from solari_vk.gpu.frame.resources import PREVIOUS, Resources
 from solari_vk.gpu.frame.slot import Slot
-from solari_vk.gpu.frame.stages import Aliased, Draw, DrawList, History, HitGroup, IfUsed, Pass, RayPass, Stage, Step
+from solari_vk.gpu.frame.stages import (
+    Aliased,
+    Counter,
+    Draw,
+    DrawList,
+    History,
+    HitGroup,
+    IfUsed,
+    Pass,
+    RayPass,
+    Stage,
+    Step,
+)
 from solari_vk.gpu.frame.uniforms import Uniforms
 from solari_vk.gpu.shaders.compiler import Roots
 from solari_vk.gpu.shaders.spirv import Binding
 from solari_vk.gpu.tensors.exports import CudaTensor
 
-__all__ = ["Aliased", "Draw", "DrawList", "Frame", "History", "HitGroup", "IfUsed", "Pass", "RayPass", "Row", "Stage",
+__all__ = ["Aliased", "Counter", "Draw", "DrawList", "Frame", "History", "HitGroup", "IfUsed", "Pass", "RayPass", "Row", "Stage",
            "Step"]  # fmt: skip
 
 SIDES = 2  # of a history, which slots take in turn
@@ -348,6 +360,12 @@ class Frame(InParts):
             why = ", ".join(str(hazard) for hazard in barrier.hazards) or "every pass" if barrier else ""
             rows.append(Row(stage, step.name, tuple(step.reads), tuple(step.writes), why, timings.get(step.name)))
         return rows
+
+    def _clear_counters(self) -> None:
+        for stage in self.stages:
+            for name, size in stage.buffers.items():
+                if isinstance(size, Counter):
+                    self.resource(name).fill(0)
 
     # ---- lifetime -----------------------------------------------------------------------------------
 

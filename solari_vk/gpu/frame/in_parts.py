@@ -23,6 +23,7 @@ class InParts:
     _slots: list[Slot]
     _order: Recorded
     _between: Callable[[], bool] | None = None
+    _clear_counters: Callable[[], None]
     meanwhile: Callable[[], object] | None = None
     """Is called again and again while `submit` waits for a step, if `between` is set. It must not submit work here."""
 
@@ -54,6 +55,7 @@ class InParts:
             # The end of the last part is that of the frame: nothing is left to give up.
             if self._between is not None and number < len(parts) and self._between():
                 slot.stale = True  # its timestamps are of no frame
+                self._clear_counters()
                 raise Interrupted
 
     def _await_part(self, value: int) -> None:

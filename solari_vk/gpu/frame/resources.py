@@ -14,7 +14,7 @@ from solari_vk.gpu.device.buffer import Buffer
 from solari_vk.gpu.device.device import Device
 from solari_vk.gpu.device.image import Image
 from solari_vk.gpu.frame.interface import Interface
-from solari_vk.gpu.frame.stages import Aliased, Draw, History, IfUsed, Stage
+from solari_vk.gpu.frame.stages import Aliased, Counter, Draw, History, IfUsed, Stage
 from solari_vk.gpu.shaders.spirv import Binding
 
 PREVIOUS = "previous_"
@@ -133,7 +133,7 @@ def _declared(stages: Sequence[Stage], interface: Interface) -> Iterator[tuple[S
         for name, size in (*stage.buffers.items(), *stage.images.items()):
             if isinstance(size, IfUsed) and name not in interface.bindings:
                 continue
-            yield stage, name, size.size if isinstance(size, IfUsed) else size
+            yield stage, name, size.size if isinstance(size, IfUsed | Counter) else size
 
 
 def _attachments(stages: Sequence[Stage]) -> dict[str, str]:

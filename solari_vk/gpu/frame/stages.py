@@ -44,6 +44,14 @@ class IfUsed:
     size: int | Size
 
 
+@dataclass(frozen=True)
+class Counter:
+    """The size of a buffer whose numbers a frame's passes count up and leave at zero, such as the length of a list. A
+    frame that is given up leaves them somewhere between: they are set to zero then."""
+
+    size: int
+
+
 @checked_constructor
 @dataclass(frozen=True)
 class Pass:
@@ -175,7 +183,7 @@ class Stage:
     """
 
     name: str
-    buffers: Mapping[str, int | History | IfUsed | Aliased] = field(default_factory=dict)
+    buffers: Mapping[str, int | History | IfUsed | Counter | Aliased] = field(default_factory=dict)
     images: Mapping[str, Size | History | IfUsed] = field(default_factory=dict)
     passes: Sequence[Pass | Draw | Step] = ()
     glsl_root: Roots | None = None

@@ -46,8 +46,9 @@ IMPROVING_STAGES = 1 << 30
 WRITING_STEP = 5  # of reinsertion.glsl, the last one
 # Trees over more instances aren't improved, since a step would take more than a millisecond.
 MAX_IMPROVED = 1 << 15
-# Rounds of reinsertion when trees over triangles that stay are built. Large trees get fewer: rounds times triangles are
-# at most MOST_IMPROVED. A processor takes 4 microseconds for a triangle in a round.
+# Rounds of reinsertion when trees over triangles that stay are built. Many triangles at once get fewer: of the trees
+# that are built together, rounds times triangles are at most MOST_IMPROVED. A processor takes 4 microseconds for a
+# triangle in a round.
 IMPROVING_ROUNDS = 12
 MOST_IMPROVED = 1 << 22
 MOST_IMPROVED_BY_CPU = 1 << 16

@@ -19,7 +19,7 @@ SIZE = (32, 32)
 CAMERA = sv.Camera(vertical_fov=2 * math.atan(0.5))  # sees a square of 2 x 2 meters in 2 meters
 FLOOR_CAMERA = sv.Camera.look_at((0, 0.5, 1e-3), (0, 0, 0))
 BLACK = {"base_color": 0.0, "reflectance": 0.0, "roughness": 1.0}
-SHOWN = (*GBUFFER, "guides/", "display/", "taa/")  # visible emission alone
+SHOWN = (*GBUFFER, "guides/", "denoise/reflection_motion", "display/", "taa/")  # visible emission alone
 
 
 def quad(distance, half=10.0):

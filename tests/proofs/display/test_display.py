@@ -15,7 +15,7 @@ from solari_vk.scene.builtin import lamp
 
 COLUMNS, ROWS = 16, 12
 EV100 = 6.0
-SHOWN = (*GBUFFER, "guides/", "display/", "taa/")
+SHOWN = (*GBUFFER, "guides/", "denoise/reflection_motion", "display/", "taa/")
 
 
 def patches():
