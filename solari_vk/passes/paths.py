@@ -54,7 +54,7 @@ def stage(size: tuple[int, int], settings: Settings, views: int, traces_apart: b
         passes.append(Pass("paths/choose_pixels", threads=size, constants=sample_counts))
     for sample in range(max_samples):
         passes += _waves(size, sample, traces_apart, brdf | {"paths_reuse": settings.restir}, sample_counts)
-    buffers = {
+    buffers: dict[str, int | Counter] = {
         **dict.fromkeys(("paths_diffuse", "paths_specular"), pixels),
         "paths_states": STATE_QUADS * pixels,
         "paths_ray_queues": 2 * pixels,  # the paths that go on, of this wave and of the next

@@ -129,7 +129,7 @@ void main() {
     uint index = taa_edges.at[thread];
     uvec2 pixel = find_place_of(index, camera.picture_size);
     ivec2 center = find_center(ivec2(pixel));
-    bool begins = needs_coverage(center);
+    bool begins = needs_coverage(ivec2(pixel), center);
     Strata strata = NO_STRATA;
     if (!begins) { strata = load_strata(index); }
     if (sample_count(strata) == 0.0) { strata.surface = surface_code(center); }

@@ -28,9 +28,9 @@ void main() {
     uvec2 pixel = gl_GlobalInvocationID.xy;
     uint index;
     if (taa_settings.antialiasing == 0u || !find_element(pixel, camera.picture_size, index)) { return; }
-    ivec2 center = find_center(ivec2(pixel));
-    bool begins = needs_coverage(center);
-    if (!begins && !needs_shares(ivec2(pixel), center)) { return; }
+    ivec2 at = ivec2(pixel), center = find_center(at);
+    bool begins = needs_coverage(at, center);
+    if (!begins && !needs_shares(at, center)) { return; }
     // Rays can't tell what raster shows of instances that are other meshes to rays.
     if (SCENE_PROXIES || !(blends_in_motion(center) || is_at_edge(center))) {
         if (begins) { radiance.at[index] = NO_COVERAGE; }

@@ -3,7 +3,6 @@
 // inside it alone, so that the mean of a still picture tends to that of the pixel's area.
 #version 460
 #include "common/pixel.glsl"
-#include "generated/passes/taa.glsl"  // CELL_SIZE
 #include "passes/taa/history.glsl"
 #include "passes/taa/strata.glsl"
 
@@ -74,16 +73,15 @@ void main() {
     HistorySample history = anew ? NO_HISTORY_SAMPLE : find_history(at, around);
     float known = history.weight;
     if (!in_exposure()) {  // the picture of an exposure is that of all times
-        uvec2 cells = (camera.size + CELL_SIZE - 1u) / CELL_SIZE;
         if (SCENE_ALPHA && this_frame.expected_change > 0.0 && has_new_opacity(around.center)) { history.weight = 0.0; }
-        history.weight *= taa_confidence.at[element_index(uvec2(around.center) / CELL_SIZE, cells)];
+        history.weight *= confidence_at(around.center);
     }
     if (history.weight > 0.0) { history = limited(history, around); }
     bool goes_on = known > 0.0 && history.weight >= known && !in_exposure() && is_still(around.center);
     NearestSample own = found;
 
     // What several camera rays show tells more than one sample with its neighbors.
-    vec3 covered = needs_coverage(around.center) ? radiance.at[index] : NO_COVERAGE;
+    vec3 covered = needs_coverage(at, around.center) ? radiance.at[index] : NO_COVERAGE;
     float weight = 1.0;
     bool settled = history.weight >= ENOUGH;
     bool exposed = is_exposed(pixel.y);

@@ -20,6 +20,9 @@ const NearestSample NO_NEAREST_SAMPLE = NearestSample(vec3(0.0), false);
 // Rendered pixels for each pixel of the picture.
 vec2 render_scale() { return vec2(camera.size) / vec2(camera.picture_size); }
 
+// Whether pixels have strata: strata.glsl. Those of upscaled pictures don't, since most have no sample in a frame.
+bool has_strata() { return camera.size == camera.picture_size; }
+
 // Where a position of the picture lies among the samples, of which the first is at 0.
 vec2 among_samples(vec2 position) { return position * render_scale() - 0.5 - this_frame.sample_jitter; }
 

@@ -18,9 +18,6 @@ struct Strata {
     uint surface;  // what the first sample showed, by surface_code
 };
 
-// Upscaled pictures have none, since most of their pixels have no sample in a frame.
-bool has_strata() { return camera.size == camera.picture_size; }
-
 const float GUESSED = 0.25, NO_SHARE = -1.0;
 const Strata NO_STRATA = Strata(vec3(0.0), vec3(0.0), vec2(0.0), NO_SHARE, 0u);
 

@@ -50,8 +50,8 @@ from solari_vk.gpu.shaders.compiler import Roots
 from solari_vk.gpu.shaders.spirv import Binding
 from solari_vk.gpu.tensors.exports import CudaTensor
 
-__all__ = ["Aliased", "Counter", "Draw", "DrawList", "Frame", "History", "HitGroup", "IfUsed", "Pass", "RayPass", "Row", "Stage",
-           "Step"]  # fmt: skip
+__all__ = ["Aliased", "Counter", "Draw", "DrawList", "Frame", "History", "HitGroup", "IfUsed", "Pass", "RayPass", "Row",
+           "Stage", "Step"]  # fmt: skip
 
 SIDES = 2  # of a history, which slots take in turn
 
