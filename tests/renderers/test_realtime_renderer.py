@@ -231,7 +231,7 @@ def test_every_device_has_enough_uniform_blocks(renderer):
 
 
 @pytest.mark.parametrize(
-    ("lighting", "pixel", "size", "staging"), [("split", 572, (400, 300), True), ("paths", 418, (256, 256), False)]
+    ("lighting", "pixel", "size", "staging"), [("split", 588, (400, 300), True), ("paths", 418, (256, 256), False)]
 )
 def test_little_more_memory_is_reserved_than_is_needed(any_device, scene, lighting, pixel, size, staging):
     settings = sv.Settings(lighting=lighting)

@@ -38,7 +38,10 @@ layout(set = 1, scalar) buffer TaaChangesBlock { SampleChange at[]; } taa_change
 // For each cell the share of the history around it that is still true: passes/taa/confidence.comp.
 layout(set = 1, scalar) buffer TaaConfidenceBlock { float at[]; } taa_confidence;
 
-// The pixels, of all views, that passes/taa/coverage.comp traces camera rays of, and their number.
+// The pixels, of all views, that passes/taa/coverage.comp traces camera rays of, and their number. NEEDS_LIGHT: it
+// writes the light of these to `radiance`, which find_edges.comp sets to NO_COVERAGE.
+const uint NEEDS_LIGHT = 0x80000000u;
+const vec3 NO_COVERAGE = vec3(-1.0);
 layout(set = 1, scalar) buffer TaaEdgesBlock { uint at[]; } taa_edges;
 layout(set = 1, scalar) buffer TaaCoverageBlock {
     IndirectDispatch dispatch;

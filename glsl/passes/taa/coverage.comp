@@ -1,10 +1,9 @@
-// The pixels that find_edges.comp has listed: what several camera rays through each of them show. At rest it is what
-// share of them shows the first stratum. Where a mean begins, and behind blended surfaces in motion, it is their mean
-// light too, each taking that of the nearest sample of the surface that it hits: Chajdas, McGuire and Luebke, "Subpixel
-// Reconstruction Antialiasing for Deferred Shading" (2011), with rays in place of finer depths.
+// What several camera rays show through each pixel that find_edges.comp has listed: the share that shows the first
+// stratum, and with NEEDS_LIGHT their mean light. Each takes that of the nearest sample of the surface that it hits:
+// Chajdas, McGuire and Luebke, "Subpixel Reconstruction Antialiasing for Deferred Shading" (2011), with rays in place
+// of finer depths.
 #version 460
 #include "common/random.glsl"
-#include "passes/taa/history.glsl"
 #include "passes/taa/strata.glsl"
 #include "scene/trace.glsl"
 
@@ -126,17 +125,17 @@ vec3 mean_light(inout Strata strata) {
 void main() {
     uint thread = thread_index_in_squares(INVOCATION_INDEX);
     if (thread >= taa_coverage.listed) { return; }
-    uint index = taa_edges.at[thread];
+    uint entry = taa_edges.at[thread], index = entry & ~NEEDS_LIGHT;
+    bool needs_light = entry != index;
     uvec2 pixel = find_place_of(index, camera.picture_size);
     ivec2 center = find_center(ivec2(pixel));
-    bool begins = needs_coverage(ivec2(pixel), center);
     Strata strata = NO_STRATA;
-    if (!begins) { strata = load_strata(index); }
+    if (!needs_light) { strata = load_strata(index); }
     if (sample_count(strata) == 0.0) { strata.surface = surface_code(center); }
 
     trace_rays(pixel);
     add_share(strata, share_of(strata.surface));
-    if (begins) {
+    if (needs_light) {
         find_samples(center, 1);
         // Few samples show a surface behind one of high opacity, or one of low opacity.
         if (SCENE_BLEND) { find_samples(center, FAR); }

@@ -1,6 +1,7 @@
-// Lists the pixels of which coverage.comp traces several camera rays: those at edges in a first frame, where the picture
-// jumps, or in the first frames at rest, and such as show blended surfaces in motion. A pass that traced rays here would
-// keep the threads of the other pixels waiting.
+// Lists the pixels of which coverage.comp traces several camera rays: at edges where a mean begins, in a first frame,
+// where the picture jumps or where light has changed, and in the first frames at rest. And such as show blended
+// surfaces in motion: one sample shows one of their layers alone, and means are short there. A pass that traced rays
+// here would keep the threads of the other pixels waiting.
 #version 460
 #include "passes/taa/history.glsl"
 #include "passes/taa/strata.glsl"
@@ -19,22 +20,23 @@ bool is_at_edge(ivec2 center) {
     return false;
 }
 
-// Whether a pixel is at rest, and has had few samples.
-bool needs_shares(ivec2 at, ivec2 center) {
-    return has_strata() && !in_exposure() && load_history(at).weight < COVERED && is_still(center);
-}
-
 void main() {
     uvec2 pixel = gl_GlobalInvocationID.xy;
     uint index;
     if (taa_settings.antialiasing == 0u || !find_element(pixel, camera.picture_size, index)) { return; }
-    ivec2 at = ivec2(pixel), center = find_center(at);
-    bool begins = needs_coverage(at, center);
-    if (!begins && !needs_shares(at, center)) { return; }
+    if (in_exposure()) { return; }
+    radiance.at[index] = NO_COVERAGE;
     // Rays can't tell what raster shows of instances that are other meshes to rays.
-    if (SCENE_PROXIES || !(blends_in_motion(center) || is_at_edge(center))) {
-        if (begins) { radiance.at[index] = NO_COVERAGE; }
-        return;
+    if (SCENE_PROXIES) { return; }
+    ivec2 at = ivec2(pixel), center = find_center(at);
+    float left = has_strata() ? load_history(at).weight * confidence_at(center) : LONGEST;  // samples that still hold
+    bool is_young = left < COVERED, has_blends = SCENE_BLEND && is_blended(center);
+    bool stays = (is_young || has_blends) && is_still(center);
+    // Of narrow holes few samples show what is behind them, so that only a frame without any past guesses its light.
+    bool begins = begins_anew(center) || stays && left < 1.0 && !SCENE_ALPHA;
+    bool shows_layers = has_blends && !stays;
+    if (shows_layers || (begins || stays && is_young) && is_at_edge(center)) {
+        uint needs = begins || shows_layers ? NEEDS_LIGHT : 0u;
+        taa_edges.at[atomicAdd(taa_coverage.found, 1u)] = index | needs;
     }
-    taa_edges.at[atomicAdd(taa_coverage.found, 1u)] = index;
 }

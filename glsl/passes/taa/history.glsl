@@ -147,25 +147,10 @@ bool is_blended(ivec2 center) {
     return false;
 }
 
-// Whether it is chance that frames show a blended surface or what is behind it, while either moves.
-bool blends_in_motion(ivec2 center) { return SCENE_BLEND && is_blended(center) && !is_still(center); }
-
 // The share of the histories around a rendered pixel that is still true.
 float confidence_at(ivec2 center) {
     uvec2 cells = (camera.size + CELL_SIZE - 1u) / CELL_SIZE;
     return taa_confidence.at[element_index(uvec2(center) / CELL_SIZE, cells)];
-}
-
-// Whether light around a pixel at rest has changed, so that hardly a sample is left.
-bool has_new_light(ivec2 at, ivec2 center) {
-    return has_strata() && load_history(at).weight * confidence_at(center) < 1.0 && is_still(center);
-}
-
-// Whether one sample tells little of what a pixel shows, and the mean over frames is short. coverage.comp then writes
-// the light of several camera rays to `radiance` where there is an edge, and find_edges.comp NO_COVERAGE elsewhere.
-const vec3 NO_COVERAGE = vec3(-1.0);
-bool needs_coverage(ivec2 at, ivec2 center) {
-    return !in_exposure() && (begins_anew(center) || blends_in_motion(center) || has_new_light(at, center));
 }
 
 // Whether a surface around has another opacity than in the previous frame, or is blended or masked and has another

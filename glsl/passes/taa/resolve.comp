@@ -81,7 +81,7 @@ void main() {
     NearestSample own = found;
 
     // What several camera rays show tells more than one sample with its neighbors.
-    vec3 covered = needs_coverage(at, around.center) ? radiance.at[index] : NO_COVERAGE;
+    vec3 covered = in_exposure() ? NO_COVERAGE : radiance.at[index];
     float weight = 1.0;
     bool settled = history.weight >= ENOUGH;
     bool exposed = is_exposed(pixel.y);

@@ -11,9 +11,9 @@
 
 // A node holds the boxes of both children, so that one load decides which of them a ray visits: Aila and Laine,
 // "Understanding the Efficiency of Ray Traversal on GPUs" (2009). A child is the slot of a node, or a leaf. Slot 0 is
-// the entrance, whose first child is the root; without a root it is NO_ROOT. It has no second child; in the
-// tree of a mesh that moves second_low.x is the cost when it was built, and in a tree over instances flat_tree_of() is the address
-// of the flat tree.
+// the entrance, whose first child is the root; without a root it is NO_ROOT. It has no second child; in the tree of a
+// mesh that moves second_low.x is the cost when it was built, and in a tree over instances flat_tree_of() is the
+// address of the flat tree.
 struct TreeNode {
     vec3 first_low;
     uint first;

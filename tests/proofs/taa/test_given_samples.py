@@ -179,7 +179,7 @@ test_a_seeded_bug_is_noticed = bug_tests(
             ),
         ),
         AREA: (measure_areas, Bug(HISTORY, "is_still", "return false;")),
-        COVERED: (measure_coverage, Bug("passes/taa/find_edges.comp", "needs_shares", "return false;")),
+        COVERED: (measure_coverage, Bug("passes/taa/strata.glsl", "is_complete", "return false;")),
         LATER: (
             measure_later_samples,
             Bug("passes/taa/strata.glsl", "add_to_mean", "count += 1.0; mean += (found - mean) / count;"),
