@@ -81,7 +81,8 @@ def stage(
 def reflections_stage(size: tuple[int, int]) -> Stage:
     """Finds how what smooth surfaces reflect moves, for antialiasing.
 
-    Inputs: `sample_radiance`, `specular_radiance`, `denoise_guides`, `denoise_specular`, `gbuffer_surface`, `guides_*`.
+    Inputs: `sample_radiance`, `specular_radiance`, `denoise_guides`, `denoise_specular`, `gbuffer_surface`, `guides_*`,
+    `previous_instances`.
     Outputs: `reflection_motion`.
     """
     pixels = size[0] * size[1]

@@ -36,8 +36,8 @@ def stage(size: Size, rendered: Size, grid: Size = (1, 1)) -> Stage:
     interpolates it. grid: columns and rows of views.
 
     Inputs: `sample_radiance`, `reflection_motion`, `depth`, `gbuffer_surface`, `guides_*`, `previous_*`.
-    Outputs: `radiance`; for the next frame `taa_history`, `taa_samples`, `taa_strata`, and in an exposure the mean so
-    far, `radiance`.
+    Outputs: `radiance`, in an exposure the mean so far, and `taa_samples`. Histories and strata of pixels stay for the
+    stage's next frame.
     """
     # Yang et al., "A Survey of Temporal Antialiasing Techniques" (2020).
     pixels = size[0] * size[1]

@@ -56,7 +56,7 @@ def test_frames_have_the_barriers_that_they_need(frames, bound_device):
         check_barriers(bound_device, frame, frame._barriers)
 
 
-MISSED = ("denoise/reflection_motion", "taa/confidence", "taa/find_edges")
+MISSED = ("denoise/reflection_motion", "taa/confidence")
 
 
 @pytest.mark.provokes_validation
