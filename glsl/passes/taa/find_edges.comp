@@ -33,9 +33,11 @@ void main() {
     bool is_young = left < COVERED, has_blends = SCENE_BLEND && is_blended(center);
     bool stays = (is_young || has_blends) && is_still(center);
     // Of narrow holes few samples show what is behind them, so that only a frame without any past guesses its light.
-    bool begins = begins_anew(center) || stays && left < 1.0 && !SCENE_ALPHA;
+    bool has_new_light = this_frame.expected_change > 0.0 && stays && left < 1.0 && !SCENE_ALPHA;
+    bool begins = begins_anew(center) || has_new_light;
     bool shows_layers = has_blends && !stays;
-    if (shows_layers || (begins || stays && is_young) && is_at_edge(center)) {
+    bool needs_shares = stays && is_young && !load_strata(index).flickers;
+    if (shows_layers || (begins || needs_shares) && is_at_edge(center)) {
         uint needs = begins || shows_layers ? NEEDS_LIGHT : 0u;
         taa_edges.at[atomicAdd(taa_coverage.found, 1u)] = index | needs;
     }

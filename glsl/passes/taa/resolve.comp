@@ -44,11 +44,14 @@ bool is_exposed(uint row) {
 
 // Adds a sample to the strata of a pixel, and replaces the picture by their mean where that is better.
 // goes_on: whether they hold: the pixel was at rest and none of its history was given up, or coverage.comp began them.
+// flickers: whether it was at rest, and some was given up though nobody changed the scene.
 void stratify(
-    uint index, ivec2 center, NearestSample found, bool goes_on, inout HistorySample history, inout uint rng
+    uint index, ivec2 center, NearestSample found, bool goes_on, bool flickers, inout HistorySample history,
+    inout uint rng
 ) {
     Strata strata = NO_STRATA;
     if (goes_on) { strata = load_strata(index); }
+    strata.flickers = strata.flickers || flickers;
     if (found.exists && is_finite_color(found.radiance)) { add_sample(strata, surface_code(center), found.radiance); }
     store_strata(index, strata, rng);
     float count = sample_count(strata);
@@ -77,7 +80,7 @@ void main() {
         history.weight *= confidence_at(around.center);
     }
     if (history.weight > 0.0) { history = limited(history, around); }
-    bool goes_on = known > 0.0 && history.weight >= known && !in_exposure() && is_still(around.center);
+    bool stays = known > 0.0 && !in_exposure() && is_still(around.center), goes_on = stays && history.weight >= known;
     NearestSample own = found;
 
     // What several camera rays show tells more than one sample with its neighbors.
@@ -116,7 +119,10 @@ void main() {
         history = HistorySample(mix(history.radiance, found.radiance, share), total, history.blended);
     }
     uint rng = seed_rng(uvec2(at), this_frame.index, this_frame.seed ^ PASS_SALT);
-    if (has_strata()) { stratify(index, around.center, own, goes_on || covered != NO_COVERAGE, history, rng); }
+    if (has_strata()) {
+        bool flickers = stays && !goes_on && this_frame.expected_change == 0.0;
+        stratify(index, around.center, own, goes_on || covered != NO_COVERAGE, flickers, history, rng);
+    }
     radiance.at[index] = history.radiance;
     taa_history.at[index] = in_exposure() ? uvec2(floatBitsToUint(history.weight), 0u) : pack_history(history, rng);
 }

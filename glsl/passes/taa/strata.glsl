@@ -15,11 +15,12 @@ struct Strata {
     vec3 rest;     // the same of the others
     vec2 counts;   // of these samples; the second is GUESSED where it has none and other pixels tell its light
     float share;   // of camera rays that show the first one, over frames; NO_SHARE without any
+    bool flickers; // light has changed without a cause: rays for the share would be traced again and again
     uint surface;  // what the first sample showed, by surface_code
 };
 
 const float GUESSED = 0.25, NO_SHARE = -1.0;
-const Strata NO_STRATA = Strata(vec3(0.0), vec3(0.0), vec2(0.0), NO_SHARE, 0u);
+const Strata NO_STRATA = Strata(vec3(0.0), vec3(0.0), vec2(0.0), NO_SHARE, false, 0u);
 
 // ---- surfaces within a pixel --------------------------------------------------------------------------
 
@@ -45,7 +46,8 @@ bool is_same_surface(uint a, uint b) {
 
 // ---- packing ------------------------------------------------------------------------------------------
 
-// Both means, 16 bits a channel; then the surface, the share in units of 1 / SHARES, and the counts.
+// Both means, 16 bits a channel, of which the lowest of the first one's blue is `flickers`; then the surface, the share
+// in units of 1 / SHARES, and the counts.
 const float SHARES = 254.0;
 const int SHARE_AT = 12, FIRST_AT = 20, REST_AT = 26;  // the first bits of what follows the surface
 
@@ -57,7 +59,8 @@ Strata load_strata(uint index) {
     float share = float(bitfieldExtract(bits.w, SHARE_AT, 8)) / SHARES;
     vec2 counts = vec2(bitfieldExtract(bits.w, FIRST_AT, 6), bitfieldExtract(bits.w, REST_AT, 6));
     counts.y = counts.y == 1.0 ? GUESSED : max(counts.y - 1.0, 0.0);
-    return Strata(first, rest, counts, share > 1.0 ? NO_SHARE : share, bitfieldExtract(bits.w, 0, SHARE_AT));
+    uint surface = bitfieldExtract(bits.w, 0, SHARE_AT);
+    return Strata(first, rest, counts, share > 1.0 ? NO_SHARE : share, (bits.z & 1u) != 0u, surface);
 }
 
 void store_strata(uint index, Strata strata, inout uint rng) {
@@ -66,7 +69,7 @@ void store_strata(uint index, Strata strata, inout uint rng) {
     uint rest = strata.counts.y == GUESSED ? 1u : counts.y == 0u ? 0u : counts.y + 1u;
     taa_strata.at[index] = uvec4(
         pack_two(strata.first.r, strata.rest.r, rng), pack_two(strata.first.g, strata.rest.g, rng),
-        pack_two(strata.first.b, strata.rest.b, rng),
+        pack_two(strata.first.b, strata.rest.b, rng) & ~1u | uint(strata.flickers),
         strata.surface | share << SHARE_AT | min(counts.x, 63u) << FIRST_AT | min(rest, 63u) << REST_AT
     );
 }
@@ -77,8 +80,7 @@ float sample_count(Strata strata) { return strata.counts.x + strata.counts.y; }
 
 // share: of the camera rays of one frame
 void add_share(inout Strata strata, float share) {
-    float weight = strata.share == NO_SHARE ? 1.0 : 1.0 / (sample_count(strata) + 1.0);
-    strata.share = mix(strata.share, share, weight);
+    strata.share = mix(strata.share, share, strata.share == NO_SHARE ? 1.0 : 1.0 / (sample_count(strata) + 1.0));
 }
 
 // A sample counts in proportion to its number among those of its surface.
