@@ -36,7 +36,7 @@ void main() {
     bool has_new_light = this_frame.expected_change > 0.0 && stays && left < 1.0 && !SCENE_ALPHA;
     bool begins = begins_anew(center) || has_new_light;
     bool shows_layers = has_blends && !stays;
-    bool needs_shares = stays && is_young && !load_strata(index).flickers;
+    bool needs_shares = stays && is_young && load_strata(index).share != FLICKERS;
     if (shows_layers || (begins || needs_shares) && is_at_edge(center)) {
         uint needs = begins || shows_layers ? NEEDS_LIGHT : 0u;
         taa_edges.at[atomicAdd(taa_coverage.found, 1u)] = index | needs;

@@ -51,7 +51,7 @@ void stratify(
 ) {
     Strata strata = NO_STRATA;
     if (goes_on) { strata = load_strata(index); }
-    strata.flickers = strata.flickers || flickers;
+    if (flickers) { strata.share = FLICKERS; }
     if (found.exists && is_finite_color(found.radiance)) { add_sample(strata, surface_code(center), found.radiance); }
     store_strata(index, strata, rng);
     float count = sample_count(strata);

@@ -14,13 +14,13 @@ struct Strata {
     vec3 first;    // mean radiance of the samples that show `surface`
     vec3 rest;     // the same of the others
     vec2 counts;   // of these samples; the second is GUESSED where it has none and other pixels tell its light
-    float share;   // of camera rays that show the first one, over frames; NO_SHARE without any
-    bool flickers; // light has changed without a cause: rays for the share would be traced again and again
+    float share;   // of camera rays that show the first one, over frames; NO_SHARE without any, or FLICKERS
     uint surface;  // what the first sample showed, by surface_code
 };
 
 const float GUESSED = 0.25, NO_SHARE = -1.0;
-const Strata NO_STRATA = Strata(vec3(0.0), vec3(0.0), vec2(0.0), NO_SHARE, false, 0u);
+const float FLICKERS = -2.0;  // light has changed without a cause: rays would be traced again and again
+const Strata NO_STRATA = Strata(vec3(0.0), vec3(0.0), vec2(0.0), NO_SHARE, 0u);
 
 // ---- surfaces within a pixel --------------------------------------------------------------------------
 
@@ -46,9 +46,9 @@ bool is_same_surface(uint a, uint b) {
 
 // ---- packing ------------------------------------------------------------------------------------------
 
-// Both means, 16 bits a channel, of which the lowest of the first one's blue is `flickers`; then the surface, the share
-// in units of 1 / SHARES, and the counts.
-const float SHARES = 254.0;
+// Both means, 16 bits a channel; then the surface, the share in units of 1 / SHARES or a code for none, and the counts.
+const float SHARES = 253.0;
+const uint FLICKERS_CODE = 254u, NO_SHARE_CODE = 255u;
 const int SHARE_AT = 12, FIRST_AT = 20, REST_AT = 26;  // the first bits of what follows the surface
 
 Strata load_strata(uint index) {
@@ -56,20 +56,21 @@ Strata load_strata(uint index) {
     vec3 first = vec3(unpack_positive(bits.x, 16u), unpack_positive(bits.y, 16u), unpack_positive(bits.z, 16u));
     uvec3 high = bits.xyz >> 16u;
     vec3 rest = vec3(unpack_positive(high.x, 16u), unpack_positive(high.y, 16u), unpack_positive(high.z, 16u));
-    float share = float(bitfieldExtract(bits.w, SHARE_AT, 8)) / SHARES;
+    uint code = bitfieldExtract(bits.w, SHARE_AT, 8);
+    float share = code == NO_SHARE_CODE ? NO_SHARE : code == FLICKERS_CODE ? FLICKERS : float(code) / SHARES;
     vec2 counts = vec2(bitfieldExtract(bits.w, FIRST_AT, 6), bitfieldExtract(bits.w, REST_AT, 6));
     counts.y = counts.y == 1.0 ? GUESSED : max(counts.y - 1.0, 0.0);
-    uint surface = bitfieldExtract(bits.w, 0, SHARE_AT);
-    return Strata(first, rest, counts, share > 1.0 ? NO_SHARE : share, (bits.z & 1u) != 0u, surface);
+    return Strata(first, rest, counts, share, bitfieldExtract(bits.w, 0, SHARE_AT));
 }
 
 void store_strata(uint index, Strata strata, inout uint rng) {
-    uint share = strata.share == NO_SHARE ? 255u : uint(SHARES * strata.share + rand_f(rng));
+    uint none = strata.share == FLICKERS ? FLICKERS_CODE : NO_SHARE_CODE;
+    uint share = strata.share < 0.0 ? none : uint(SHARES * strata.share + rand_f(rng));
     uvec2 counts = uvec2(strata.counts + vec2(rand_f(rng), rand_f(rng)));
     uint rest = strata.counts.y == GUESSED ? 1u : counts.y == 0u ? 0u : counts.y + 1u;
     taa_strata.at[index] = uvec4(
         pack_two(strata.first.r, strata.rest.r, rng), pack_two(strata.first.g, strata.rest.g, rng),
-        pack_two(strata.first.b, strata.rest.b, rng) & ~1u | uint(strata.flickers),
+        pack_two(strata.first.b, strata.rest.b, rng),
         strata.surface | share << SHARE_AT | min(counts.x, 63u) << FIRST_AT | min(rest, 63u) << REST_AT
     );
 }
@@ -80,7 +81,7 @@ float sample_count(Strata strata) { return strata.counts.x + strata.counts.y; }
 
 // share: of the camera rays of one frame
 void add_share(inout Strata strata, float share) {
-    strata.share = mix(strata.share, share, strata.share == NO_SHARE ? 1.0 : 1.0 / (sample_count(strata) + 1.0));
+    strata.share = mix(strata.share, share, strata.share < 0.0 ? 1.0 : 1.0 / (sample_count(strata) + 1.0));
 }
 
 // A sample counts in proportion to its number among those of its surface.
@@ -104,7 +105,7 @@ void add_sample(inout Strata strata, uint surface, vec3 found) {
 bool is_complete(Strata strata) {
     bool knows_first = strata.counts.x > 0.0 || strata.share == 0.0;
     bool knows_rest = strata.counts.y > 0.0 || strata.share == 1.0;
-    return strata.share != NO_SHARE && knows_first && knows_rest;
+    return strata.share >= 0.0 && knows_first && knows_rest;
 }
 
 vec3 mean_of(Strata strata) {
