@@ -18,8 +18,8 @@ def stages(
     has_absorption: bool = False,
     apart_bytes: int = 0,
 ) -> list[Stage]:
-    """The stages that compute and denoise the light of a frame, in order, and add it up. grid: columns and
-    rows of views, which show so many worlds. has_absorption: whether solids in them absorb light.
+    """The stages that compute and denoise the light of a frame, in order, and add it up. grid: columns and rows
+    of views, which show so many worlds. has_absorption: whether solids in them absorb light.
     apart_bytes: what `paths.apart_bytes` has returned."""
     scratch: Mapping[str, str] = {}
     skips_pixels = settings.frame_ms > 0 or paths.is_sparse(settings)

@@ -56,6 +56,8 @@ def test_frames_have_the_barriers_that_they_need(frames, bound_device):
         check_barriers(bound_device, frame, frame._barriers)
 
 
+# Passes whose missing barrier synchronization validation reports. It doesn't see what atomic operations write, as
+# passes that list pixels do.
 MISSED = ("denoise/reflection_motion", "taa/confidence")
 
 
@@ -66,7 +68,6 @@ def test_missing_barriers_are_noticed(frames, bound_device):
         numbers = [
             number
             for number, barrier in enumerate(frame._barriers)
-            # The layer doesn't see what atomic operations write, as passes that list pixels do.
             if barrier is not None and frame._accesses[number].name in MISSED
         ]
         assert len(numbers) == len(MISSED)

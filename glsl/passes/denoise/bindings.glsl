@@ -14,9 +14,8 @@ layout(set = 1, scalar) buffer DenoiseSpecularBlock { uvec4 at[]; } denoise_spec
 layout(set = 1, scalar) buffer PreviousDenoiseSpecularBlock { uvec4 at[]; } previous_denoise_specular;
 // Ping-pong buffers of variance.comp and blur.comp. They lie in the memory of previous_denoise_diffuse and
 // previous_denoise_specular, as buffers of later passes lie in that of all previous histories, so that nothing after
-// reproject.comp may read those. The first three words hold the light
-// of both lobes, packed by passes/denoise/signal.glsl. For the first pass of the blur, the last word holds the mean
-// luminances of 3 x 3 pixels.
+// reproject.comp may read those. The first three words hold the light of both lobes, packed by
+// passes/denoise/signal.glsl. For the first pass of the blur, the last word holds the mean luminances of 3 x 3 pixels.
 layout(set = 1, scalar) buffer DenoisePingBlock { uvec4 at[]; } denoise_ping;
 layout(set = 1, scalar) buffer DenoisePongBlock { uvec4 at[]; } denoise_pong;
 

@@ -46,8 +46,8 @@ class IfUsed:
 
 @dataclass(frozen=True)
 class Counter:
-    """The size of a buffer whose numbers a frame's passes count up and leave at zero, such as the length of a list. A
-    frame that is given up leaves them somewhere between: they are set to zero then."""
+    """The size of a buffer in which the passes of a frame count, such as the length of a list, and whose count the last
+    of them sets to zero for the next frame. Where a frame is given up before that, the whole buffer is set to zero."""
 
     size: int
 
